@@ -3,7 +3,7 @@
  *
  * Loader  stands for Loader::poll, retire_one, candidate_waits, stage, prepare and release (spine/load/loader.cpp) with
  *         Slot::collect_retired, active_id, withdraw and offer. Time-outs and refused loads come whenever they like.
- * Tick    stands for what Laws does in one tick (spine/step/laws.cpp, commit.cpp): roll_back, step, replace, judge,
+ * Tick    stands for what Laws does in one tick (spine/step/laws.cpp, commit.cpp): roll_back, step, replace, check_probation,
  *         swap, step_shadow, end_shadow, commit; with Slot::take, commit, refuse and rollback(n). Faults,
  *         commands and opinions come whenever they like.
  *
@@ -204,7 +204,7 @@ active proctype Tick() {
       fi
     :: else
     fi;
-    if /* judge_law() */
+    if /* check_probation() */
     :: active_ != NONE ->
       USE(active_);
       if

@@ -55,7 +55,7 @@ std::string death_text(const Outcome& outcome, const Limits& limits) {
 
 }  // namespace
 
-Verdict judge(const Outcome& outcome, const Limits& limits) {
+Verdict verdict_of(const Outcome& outcome, const Limits& limits) {
   Verdict verdict;
   const bool whole = is_report(outcome.output, verdict.report);
   if (!whole) verdict.report = {};

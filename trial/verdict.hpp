@@ -21,6 +21,6 @@ struct Verdict {
   Report report;
 };
 
-Verdict judge(const Outcome& outcome, const Limits& limits);
+Verdict verdict_of(const Outcome& outcome, const Limits& limits);
 
 }  // namespace lithe::trial

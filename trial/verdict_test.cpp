@@ -23,21 +23,21 @@ TEST(Verdict, LiesOfAChildAreNotBelieved) {
   outcome.started = true;
   outcome.exit_code = 0;
   outcome.output = bytes();
-  EXPECT_TRUE(judge(outcome, {}).ok);
+  EXPECT_TRUE(verdict_of(outcome, {}).ok);
   outcome.exit_code = 1;
-  EXPECT_FALSE(judge(outcome, {}).ok) << "it did not end well";
+  EXPECT_FALSE(verdict_of(outcome, {}).ok) << "it did not end well";
   outcome.exit_code = 0;
   outcome.output = bytes().substr(1);
-  EXPECT_FALSE(judge(outcome, {}).ok) << "half a report";
+  EXPECT_FALSE(verdict_of(outcome, {}).ok) << "half a report";
   outcome.output = "";
-  EXPECT_FALSE(judge(outcome, {}).ok) << "no report";
+  EXPECT_FALSE(verdict_of(outcome, {}).ok) << "no report";
   report.section = 77;
   outcome.output = bytes();
-  EXPECT_FALSE(judge(outcome, {}).ok) << "no such section";
+  EXPECT_FALSE(verdict_of(outcome, {}).ok) << "no such section";
   report.section = 0;
   report.ended = 0;
   outcome.output = bytes();
-  EXPECT_FALSE(judge(outcome, {}).ok) << "not at its end";
+  EXPECT_FALSE(verdict_of(outcome, {}).ok) << "not at its end";
 }
 
 TEST(Verdict, StarvedTrialIsNotTheLawsFault) {
@@ -45,11 +45,11 @@ TEST(Verdict, StarvedTrialIsNotTheLawsFault) {
   outcome.started = outcome.timed_out = true;
   outcome.signal = 9;
   outcome.cpu_ms = 5;
-  EXPECT_TRUE(judge(outcome, {}).starved);
-  EXPECT_FALSE(judge(outcome, {}).out_of_time);
+  EXPECT_TRUE(verdict_of(outcome, {}).starved);
+  EXPECT_FALSE(verdict_of(outcome, {}).out_of_time);
   outcome.cpu_ms = 149;
-  EXPECT_TRUE(judge(outcome, {}).out_of_time);
-  EXPECT_FALSE(judge(outcome, {}).starved);
+  EXPECT_TRUE(verdict_of(outcome, {}).out_of_time);
+  EXPECT_FALSE(verdict_of(outcome, {}).starved);
 }
 
 TEST(Verdict, WhatIsTooMuchIsToldWithWhatATrialHas) {
@@ -58,15 +58,15 @@ TEST(Verdict, WhatIsTooMuchIsToldWithWhatATrialHas) {
   Outcome outcome;
   outcome.started = true;
   outcome.output = {reinterpret_cast<const char*>(&report), sizeof report};
-  EXPECT_NE(judge(outcome, {.cpu_ms = 170}).reason.find("170 ms of the processor"), std::string::npos);
+  EXPECT_NE(verdict_of(outcome, {.cpu_ms = 170}).reason.find("170 ms of the processor"), std::string::npos);
   outcome.output = "";
   outcome.signal = SIGKILL;
-  const std::string killed = judge(outcome, {}).reason;
+  const std::string killed = verdict_of(outcome, {}).reason;
   EXPECT_NE(killed.find("512 MiB of memory, 150 ms"), std::string::npos) << killed;
 }
 
 TEST(Verdict, SandboxThatDoesNotWorkIsNotTheLawsFault) {
-  EXPECT_TRUE(judge({}, {}).unable) << "there was no child";
+  EXPECT_TRUE(verdict_of({}, {}).unable) << "there was no child";
   Report report;
   report.ended = report.unable = 1;
   report.refused = {"no filter"};
@@ -74,11 +74,11 @@ TEST(Verdict, SandboxThatDoesNotWorkIsNotTheLawsFault) {
   outcome.started = true;
   outcome.exit_code = 1;
   outcome.output = std::string(reinterpret_cast<const char*>(&report), sizeof report);
-  EXPECT_TRUE(judge(outcome, {}).unable);
-  EXPECT_FALSE(judge(outcome, {}).ok) << "but it is not tried";
+  EXPECT_TRUE(verdict_of(outcome, {}).unable);
+  EXPECT_FALSE(verdict_of(outcome, {}).ok) << "but it is not tried";
   report.unable = 0;
   outcome.output = std::string(reinterpret_cast<const char*>(&report), sizeof report);
-  EXPECT_FALSE(judge(outcome, {}).unable);
+  EXPECT_FALSE(verdict_of(outcome, {}).unable);
 }
 
 TEST(Sandbox, ChildThatDoesNotEndIsKilled) {

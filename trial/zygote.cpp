@@ -141,12 +141,12 @@ json Zygote::attempt(const json& request) {
   limits.cpu_ms = wanted.box_ms + 2 * setup_.run_ms;
   limits.wall_ms = 4 * limits.cpu_ms;
   Outcome outcome = run(wanted, limits);
-  Verdict verdict = judge(outcome, limits);
+  Verdict verdict = verdict_of(outcome, limits);
   if (verdict.out_of_time) {  // time that a hypervisor takes counts as the child's: no_torque is judged by one stall
     limits.cpu_ms *= 2;
     limits.wall_ms *= 2;
     outcome = run(wanted, limits);
-    verdict = judge(outcome, limits);
+    verdict = verdict_of(outcome, limits);
   }
   json reply = {{"ok", verdict.ok},
                 {"stage", "trial"},

@@ -92,7 +92,7 @@ void Guard::dispatched() LITHE_RT {
 
 Verdict Guard::check(const Input& in, JointCommands& out) LITHE_RT {
   Verdict verdict;
-  const Fault fault = judge(in, verdict);
+  const Fault fault = find_fault(in, verdict);
   const bool driven =
       in.mode == Mode::active || in.mode == Mode::hold || in.mode == Mode::safe_stop || in.mode == Mode::recover;
   if (!driven) {

@@ -153,11 +153,11 @@ class Guard {
 
   void configure_groups(const robot::RobotConfig& robot);
 
-  // judge.cpp
-  wire::Fault judge(const Input& in, Verdict& verdict) LITHE_RT;
-  wire::Fault judge_joints(const Input& in, bool too_late) LITHE_RT;
-  wire::Fault judge_joint(const Input& in, std::size_t j) const LITHE_RT;
-  wire::Fault judge_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT;
+  // faults.cpp
+  wire::Fault find_fault(const Input& in, Verdict& verdict) LITHE_RT;
+  wire::Fault fault_of_joints(const Input& in, bool too_late) LITHE_RT;
+  wire::Fault fault_of_joint(const Input& in, std::size_t j) const LITHE_RT;
+  wire::Fault fault_of_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT;
   void latch(const Joint& joint, std::size_t j, wire::Fault fault) LITHE_RT;
   void descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT;
   void descend_all(const Input& in, bool all) LITHE_RT;

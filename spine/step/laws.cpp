@@ -37,7 +37,7 @@ bool is_runaway(wire::Fault fault) LITHE_RT {
 
 }  // namespace
 
-void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault, Words& words)
+void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault, EventText& words)
     LITHE_RT {
   const robot::JointConfig& config = robot.joints[joint];
   const double overrun_rad = robot.guard.position_overrun_rad;
@@ -107,7 +107,7 @@ Laws::Run Laws::run(law::Resident& law, Effort& effort, Host& host) LITHE_RT {
 // over.
 bool Laws::fall_back(const Run& first, Host& host) LITHE_RT {
   const LawFaultKind kind = first.failure.kind;
-  const Words why = in_words(first);
+  const EventText why = in_words(first);
   wire::LawFault fault = fault_of(first.failure);
   const Back back = step_back();
   if (back == Back::nowhere) {
@@ -121,7 +121,7 @@ bool Laws::fall_back(const Run& first, Host& host) LITHE_RT {
   if (!second.failure) return true;
   // At most two laws per tick: a third would cost a third time budget.
   const LawFaultKind its_kind = second.failure.kind;
-  const Words its_why = in_words(second);
+  const EventText its_why = in_words(second);
   fault = fault_of(second.failure);
   report(fault, 0, host.now_ns() - second.from_ns, its_why.text());
   tell_back(step_back(), its_why.text());  // the law that runs after a reset
@@ -131,7 +131,7 @@ bool Laws::fall_back(const Run& first, Host& host) LITHE_RT {
 
 // Rollback without a law fault: from the next tick on the law before the active one runs again.
 void Laws::replace(const Probation::News& why) LITHE_RT {
-  const Words words = in_words(why);
+  const EventText words = in_words(why);
   wire::LawFault fault = fault_of({why.kind, 0, 0});
   const Back back = step_back();
   report(fault, back == Back::nowhere ? 0 : slot_.active()->law_id, 0, words.text());
@@ -160,7 +160,7 @@ Laws::Back Laws::step_back() LITHE_RT {
 // The State fields that start from their defaults, because the old value was not usable.
 void Laws::tell_not_carried(const law::Resident& law, law::FieldBits fields) LITHE_RT {
   if (fields == 0) return;
-  Words words;
+  EventText words;
   std::uint32_t count = 0;
   for (std::uint32_t i = 0; i < law.descriptor->state_count && i < kMaxStateFields; ++i) {
     if ((fields >> i & 1) == 0) continue;
@@ -219,7 +219,7 @@ void Laws::report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t t
   report_.event(EventKind::law_faulted, fault.kind, fault.request_id, static_cast<double>(fault.took_ns) * 1e-3, why);
 }
 
-void Laws::judge(const guard::Verdict& verdict) LITHE_RT {
+void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
   if (slot_.active() == nullptr) return;
   // The guard has just stopped joints because of this law: it must not be the law that runs after the reset.
   const auto ran_away = [](const guard::Group& group) { return group.news && is_runaway(group.fault); };
@@ -259,7 +259,7 @@ void Laws::tell_probation(const Probation::News& news) LITHE_RT {
 }
 
 // What the law saw of a joint, or a sensor that was not valid.
-void Laws::tell_inputs(std::size_t joint, Words& words) const LITHE_RT {
+void Laws::tell_inputs(std::size_t joint, EventText& words) const LITHE_RT {
   for (std::size_t i = 0; i < robot_.sensors.size() && i < in_.sensor.size(); ++i) {
     if (std::isnan(in_.sensor[i])) {
       words << "sensor " << robot_.sensors[i].name << " was NaN";
@@ -274,8 +274,8 @@ void Laws::tell_inputs(std::size_t joint, Words& words) const LITHE_RT {
 
 // "overran: ended after 812.0 us, allowed 800.0"; "not_finite: joint elbow, torque_nm; at 0.100 rad, 3.20 rad/s, 0.15
 // N m, setpoint 0.250".
-Words Laws::in_words(const Run& failed) const LITHE_RT {
-  Words words;
+EventText Laws::in_words(const Run& failed) const LITHE_RT {
+  EventText words;
   words << wire::to_string(failed.failure.kind);
   if (failed.failure.kind == LawFaultKind::overran) {
     (words << ": ended after ").number(1e-3 * static_cast<double>(failed.took_ns), 1) << " us, allowed ";
@@ -288,7 +288,7 @@ Words Laws::in_words(const Run& failed) const LITHE_RT {
 }
 
 // What the guard clamps now, with the value and its limit: "wants 12.000 N m of 0.600".
-void Laws::tell_clamped(const Probation::Evidence& evidence, Words& words) const LITHE_RT {
+void Laws::tell_clamped(const Probation::Evidence& evidence, EventText& words) const LITHE_RT {
   const robot::JointConfig& joint = robot_.joints[evidence.joint];
   const double torque_nm = wanted_nm(effort_, in_, evidence.joint), speed_rad_s = in_.velocity_rad_s[evidence.joint];
   // The guard brakes ahead of both limits, with one flag: at half the speed limit the speed is the more telling one.
@@ -305,11 +305,12 @@ void Laws::tell_clamped(const Probation::Evidence& evidence, Words& words) const
   }
 }
 
-// "oscillating: joint wrist, 31 Hz, swings of 20.00, allowed 1.50 rad/s"; "tracking_lost: joint elbow, error 0.312 rad, allowed 0.150"; "guard_busy: joint
+// "oscillating: joint wrist, 31 Hz, swings of 20.00, allowed 1.50 rad/s"; "tracking_lost: joint elbow, error 0.312 rad,
+// allowed 0.150"; "guard_busy: joint
 // elbow clamped in 80.1 % of ticks, allowed 80: wants 12.000 N m of 0.600".
-Words Laws::in_words(const Probation::News& news) const LITHE_RT {
+EventText Laws::in_words(const Probation::News& news) const LITHE_RT {
   const Probation::Evidence& evidence = news.evidence;
-  Words words;
+  EventText words;
   words << wire::to_string(news.kind);
   switch (news.kind) {
     case LawFaultKind::chattering:

@@ -25,7 +25,7 @@
 namespace lithe::step {
 
 // Where the joint is and what is allowed: ": 1.234 rad, allowed -1.200 to 1.200". Nothing for a fault without a number.
-void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault, Words& words)
+void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault, EventText& words)
     LITHE_RT;
 
 // Contract: RT · owned by the tick thread
@@ -47,7 +47,7 @@ class Laws {
   void step(Host& host, std::array<double, kMaxProbes>& probes) LITHE_RT;
   // To be called after the guard. A law on probation that does worse than the one before it is replaced from the next
   // tick on.
-  void judge(const guard::Verdict& verdict) LITHE_RT;
+  void check_probation(const guard::Verdict& verdict) LITHE_RT;
   // To be called at the end of the tick: commits a waiting law, which the next tick runs.
   void swap(Host& host) LITHE_RT;
 
@@ -92,10 +92,10 @@ class Laws {
   void tell_not_carried(const law::Resident& law, law::FieldBits fields) LITHE_RT;
   void tell_back(Back back, std::string_view why) LITHE_RT;
   void tell_probation(const Probation::News& news) LITHE_RT;
-  Words in_words(const Probation::News& news) const LITHE_RT;
-  Words in_words(const Run& failed) const LITHE_RT;
-  void tell_inputs(std::size_t joint, Words& words) const LITHE_RT;
-  void tell_clamped(const Probation::Evidence& evidence, Words& words) const LITHE_RT;
+  EventText in_words(const Probation::News& news) const LITHE_RT;
+  EventText in_words(const Run& failed) const LITHE_RT;
+  void tell_inputs(std::size_t joint, EventText& words) const LITHE_RT;
+  void tell_clamped(const Probation::Evidence& evidence, EventText& words) const LITHE_RT;
   wire::LawFault fault_of(const contain::Failure& failure) const LITHE_RT;
   void report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t took_ns, std::string_view why) LITHE_RT;
 

@@ -52,7 +52,7 @@ void ControlStep::listen(const Input& in) LITHE_RT {
 void ControlStep::watch_memory(const char* damaged) LITHE_RT {
   if (damaged == nullptr || !memory_whole_) return;
   memory_whole_ = false;
-  Words words;
+  EventText words;
   words << wire::to_string(wire::Fault::memory_damaged) << ": " << damaged;
   report_.event(EventKind::memory_damaged, laws_.active_id(), 0, 0, words.text());
   fail(wire::Fault::memory_damaged, words.text());

@@ -76,7 +76,7 @@ Probation::News Probation::watch(const Observed& tick) LITHE_RT {
   News news;
   remember(tick);
   if (!on()) return news;
-  news.kind = judge(tick, news.evidence);
+  news.kind = find_fault(tick, news.evidence);
   if (news.kind != LawFaultKind::none) return news;
   const bool moves = in_motion(tick.in) && !catching_up(tick.in), law_was = law_.unproven(),
              params_were = params_.unproven();
@@ -87,7 +87,7 @@ Probation::News Probation::watch(const Observed& tick) LITHE_RT {
   return news;
 }
 
-LawFaultKind Probation::judge(const Observed& tick, Evidence& evidence) const LITHE_RT {
+LawFaultKind Probation::find_fault(const Observed& tick, Evidence& evidence) const LITHE_RT {
   if (tracking_is_lost(tick.in, evidence)) return LawFaultKind::tracking_lost;
   if (guard_is_busy(tick, evidence)) return LawFaultKind::guard_busy;
   evidence = {.value = 1e-9 * static_cast<double>(tick.law_ns),

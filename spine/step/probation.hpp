@@ -105,7 +105,7 @@ class Probation {
 
   bool catching_up(const Tick& in) const LITHE_RT { return in.t_ns < catching_up_ns_; }
   void compare_from_here() LITHE_RT;
-  wire::LawFaultKind judge(const Observed& tick, Evidence& evidence) const LITHE_RT;
+  wire::LawFaultKind find_fault(const Observed& tick, Evidence& evidence) const LITHE_RT;
   bool tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT;
   bool guard_is_busy(const Observed& tick, Evidence& evidence) const LITHE_RT;
   void remember(const Observed& tick) LITHE_RT;

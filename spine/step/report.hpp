@@ -16,16 +16,16 @@ namespace lithe::step {
 
 // Text of an event, composed in the tick; text that does not fit is cut.
 // Contract: RT · a value
-class Words {
+class EventText {
  public:
-  Words& operator<<(std::string_view more) LITHE_RT {
+  EventText& operator<<(std::string_view more) LITHE_RT {
     const std::size_t fits = std::min(more.size(), letters_.size() - size_);
     std::copy_n(more.begin(), fits, letters_.begin() + size_);
     size_ += fits;
     return *this;
   }
   // A number with this many decimals, at most 6; clamped to +-1e9.
-  Words& number(double value, int decimals) LITHE_RT {
+  EventText& number(double value, int decimals) LITHE_RT {
     decimals = std::min(decimals, 6);
     double scale = 1;
     for (int i = 0; i < decimals; ++i) scale *= 10;

@@ -10,12 +10,12 @@ namespace lithe::step {
 namespace {
 
 std::string written(double value, int decimals) {
-  Words words;
+  EventText words;
   words.number(value, decimals);
   return std::string(words.text());
 }
 
-TEST(Words, NumbersAreRoundedToTheirDecimals) {
+TEST(EventText, NumbersAreRoundedToTheirDecimals) {
   EXPECT_EQ(written(0.15, 3), "0.150");
   EXPECT_EQ(written(0.0004, 3), "0.000");
   EXPECT_EQ(written(12.3456, 2), "12.35");
@@ -24,7 +24,7 @@ TEST(Words, NumbersAreRoundedToTheirDecimals) {
   EXPECT_EQ(written(0, 0), "0");
 }
 
-TEST(Words, WhatIsNoUsefulNumberStaysShort) {
+TEST(EventText, WhatIsNoUsefulNumberStaysShort) {
   EXPECT_EQ(written(std::numeric_limits<double>::infinity(), 1), "1000000000.0");
   EXPECT_EQ(written(std::numeric_limits<double>::quiet_NaN(), 6), "1000000000.000000");
   EXPECT_EQ(written(-1e300, 9), "-1000000000.000000") << "six decimals at most";

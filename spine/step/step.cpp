@@ -37,7 +37,7 @@ const Report& ControlStep::run(const Input& in, Host& host, hal::ActuatorCommand
   react(verdict);
   drives_.compose(in_, mode_, guard_, command);
   record.law_id = laws_.active_id();  // the law that ran in this tick
-  laws_.judge(verdict);
+  laws_.check_probation(verdict);
   laws_.swap(host);  // at the end of the tick: the next one runs the new law
   fill(in, record);
   return report_;
@@ -103,11 +103,11 @@ void ControlStep::react(const guard::Verdict& verdict) LITHE_RT {
   if (verdict.recovered && !recovered_) report_.event(EventKind::recovered, 0, 0, 0, "every joint is inside");
   recovered_ = verdict.recovered;
   if (verdict.fault == wire::Fault::none || !mode_.can_fail()) return;
-  Words whose;
+  EventText whose;
   name(verdict.fault, whose);
   for (const guard::Group& group : guard_.groups()) {
     if (!group.news) continue;
-    Words words;
+    EventText words;
     name(group, words);
     if (group.fault == verdict.fault) whose = words;
     if (guard_.groups().size() == 1) continue;
@@ -117,7 +117,7 @@ void ControlStep::react(const guard::Verdict& verdict) LITHE_RT {
   fail(verdict.fault, whose.text());
 }
 
-void ControlStep::name(const guard::Group& group, Words& words) const LITHE_RT {
+void ControlStep::name(const guard::Group& group, EventText& words) const LITHE_RT {
   const robot::JointConfig& joint = robot_.joints[group.joint];
   words << wire::to_string(group.fault) << " at joint " << joint.name;
   if (!joint.group.empty()) words << ", group " << joint.group;
@@ -126,7 +126,7 @@ void ControlStep::name(const guard::Group& group, Words& words) const LITHE_RT {
 }
 
 // A fault of the whole robot.
-void ControlStep::name(wire::Fault fault, Words& words) const LITHE_RT {
+void ControlStep::name(wire::Fault fault, EventText& words) const LITHE_RT {
   words << wire::to_string(fault);
   if (fault == wire::Fault::sample_stale) {
     (words << ": ").number(stale_ticks_, 0) << " ticks in a row without a new sample, allowed ";

@@ -68,8 +68,8 @@ class ControlStep {
   void look(const Input& in) LITHE_RT;
   guard::Verdict check(const Input& in, JointCommands& out) LITHE_RT;
   void react(const guard::Verdict& verdict) LITHE_RT;
-  void name(const guard::Group& group, Words& words) const LITHE_RT;
-  void name(wire::Fault fault, Words& words) const LITHE_RT;
+  void name(const guard::Group& group, EventText& words) const LITHE_RT;
+  void name(wire::Fault fault, EventText& words) const LITHE_RT;
   void fill(const Input& in, wire::Telemetry& record) const LITHE_RT;
 
   // listen.cpp

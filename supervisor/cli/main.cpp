@@ -15,7 +15,7 @@ namespace {
 
 using namespace lithe::cli;
 
-int run(int argc, char** argv, Words& words) {
+int run(int argc, char** argv, CommandLine& words) {
   CLI::App app;
   add_words(app, words);
   const std::vector<std::string> all(argv + 1, argv + argc);
@@ -38,7 +38,7 @@ int run(int argc, char** argv, Words& words) {
 int main(int argc, char** argv) {
   ::signal(SIGXFSZ, SIG_IGN);  // a file over its limit is an error with words
   try {
-    Words words;
+    CommandLine words;
     try {
       return run(argc, argv, words);
     } catch (const lithe::control::Refusal& refusal) {

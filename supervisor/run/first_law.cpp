@@ -80,7 +80,7 @@ void Supervisor::try_safe_law() {
 void Supervisor::swap_first_law() {
   if (first_source_.empty()) return;
   SwapRequest request{fs::path(first_law_).filename().string(), first_source_};
-  request.terms = std::get<Terms>(swaps_->read_terms(Json::object()));
+  request.terms = std::get<SwapTerms>(swaps_->read_terms(Json::object()));
   must_run(answer_to([&](const auto& take) { swaps_->submit(request, take, monotonic_ns()); }, 4 * lawd_.limit_ns()),
            "the first law was not committed");
 }

@@ -223,7 +223,7 @@ void Verbs::swap_law(const ReplyTo& to, const Json& args) {
     return;
   }
   auto& wanted = std::get<SwapRequest>(request);
-  wanted.terms = std::get<Terms>(terms);
+  wanted.terms = std::get<SwapTerms>(terms);
   wanted.client = to.client;
   wanted.supersede = args.value("supersede", false);
   parts_.swaps.submit(std::move(std::get<SwapRequest>(request)), later(to), monotonic_ns());

@@ -49,7 +49,7 @@ class ParamChanges {
     TriedLaws& laws;
   };
 
-  ParamChanges(const Helpers& helpers, Terms robots_terms, Keep keep)
+  ParamChanges(const Helpers& helpers, SwapTerms robots_terms, Keep keep)
       : help_(helpers), robots_terms_(robots_terms), keep_(std::move(keep)) {}
 
   // Answers {"trial_ms", "warnings"} once the values are in force. Refused with trial_failed: the old values stay.
@@ -89,7 +89,7 @@ class ParamChanges {
   TrialRequest request_otherwise() const;
 
   Helpers help_;
-  Terms robots_terms_;
+  SwapTerms robots_terms_;
   Keep keep_;
   std::uint64_t next_number_ = 1;
   std::deque<Change> waiting_;          // the first one is being handled

@@ -57,7 +57,7 @@ class ParamChangesTest : public SpineRig {
     publish(7);
   }
   void make(TrialLink* trial) {
-    changes_.emplace(ParamChanges::Helpers{*link_, trial, *commands_, log_, *laws_}, Terms{},
+    changes_.emplace(ParamChanges::Helpers{*link_, trial, *commands_, log_, *laws_}, SwapTerms{},
                      [this](std::uint64_t request_id, const Json& all) {
                        EXPECT_EQ(request_id, kRequest);
                        kept_ = all;

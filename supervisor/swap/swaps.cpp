@@ -32,7 +32,7 @@ Swaps::Swaps(const Helpers& helpers, RecordBook book, std::uint64_t first_reques
               }),
       next_id_(first_request_id) {}
 
-std::variant<Terms, Refusal> Swaps::read_terms(const Json& args) const {
+std::variant<SwapTerms, Refusal> Swaps::read_terms(const Json& args) const {
   for (const auto& [name, value] : args.items()) {
     if (!is_term(name) && name != "source" && name != "name" && name != "params" && name != "supersede") {
       return Refusal{"usage", fmt::format("swap has no argument '{}'", name), "see docs/reference/verbs.md"};
@@ -42,7 +42,7 @@ std::variant<Terms, Refusal> Swaps::read_terms(const Json& args) const {
 }
 
 // A shadow run needs a law that is active.
-std::optional<Refusal> Swaps::no_shadow(const Terms& terms) const {
+std::optional<Refusal> Swaps::no_shadow(const SwapTerms& terms) const {
   wire::Telemetry now{};
   (void)help_.spine.latest(now);
   const auto mode = static_cast<wire::Mode>(now.mode);

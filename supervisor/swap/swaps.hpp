@@ -52,7 +52,7 @@ class Swaps {
   // The text of a law of this name that ran, the newest: a file beside its certificate. Empty: not known.
   std::filesystem::path source_of(const std::string& law) const;
   // The robot file's terms, changed by the arguments of the request.
-  std::variant<Terms, Refusal> read_terms(const Json& args) const;
+  std::variant<SwapTerms, Refusal> read_terms(const Json& args) const;
   void submit(SwapRequest request, Callback callback, std::int64_t now_ns);
   // Parameter changes of the running law. They pass the trial too, and are recorded in the law's certificate.
   void set_params(const Json& values, Callback callback, std::int64_t now_ns) {
@@ -145,7 +145,7 @@ class Swaps {
   void rewrite(const Transaction& swap, const RecordBook::Page& record);
   void note(const Transaction& swap, const char* kind, const std::string& text);
   std::uint64_t missed_releases() const;
-  std::optional<Refusal> no_shadow(const Terms& terms) const;
+  std::optional<Refusal> no_shadow(const SwapTerms& terms) const;
 
   Helpers help_;
   Placement placement_;
@@ -155,7 +155,7 @@ class Swaps {
   std::map<std::string, std::filesystem::path> sources_;  // by the name of the law
   std::string write_failed_;  // why the last certificate could not be written; empty = it was written
   Json last_ = nullptr;
-  Terms robots_terms_;
+  SwapTerms robots_terms_;
   LawLifecycle lifecycle_;
   TriedLaws tried_laws_;
   ParamChanges params_;

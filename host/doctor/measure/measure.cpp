@@ -109,7 +109,7 @@ std::optional<double> rate(const std::optional<std::uint64_t>& before, const std
   return static_cast<double>(*after - *before) / seconds;
 }
 
-Measured judge(const Scan& found, const Counts& before, const Counts& after) {
+Measured summarise(const Scan& found, const Counts& before, const Counts& after) {
   Measured seen;
   seen.seconds = 1e-9 * static_cast<double>(found.until_ns - found.from_ns);
   const double wall_ns = 1e9 * seen.seconds;
@@ -145,7 +145,7 @@ Result<Measured> measure(const HostFiles& files, int cpu, double seconds) {
     const Counts before = count(files, cpu);
     const Scan found = scan(seconds);
     const Counts after = count(files, cpu);
-    result = judge(found, before, after);
+    result = summarise(found, before, after);
     result->cpu = cpu;
   }).join();
   return result;

@@ -21,15 +21,15 @@ Error refusal(const std::string& where, const std::string& what) {
 }
 
 // A line of extlinux.conf: "APPEND root=..." has the word "append" and an argument that begins at an offset of the file.
-struct Line {
+struct ExtlinuxLine {
   std::size_t number;
   std::string word;
   std::string_view argument;
   std::size_t argument_at;
 };
 
-std::vector<Line> lines_of(std::string_view text) {
-  std::vector<Line> lines;
+std::vector<ExtlinuxLine> lines_of(std::string_view text) {
+  std::vector<ExtlinuxLine> lines;
   std::size_t number = 0;
   for (std::size_t at = 0; at < text.size();) {
     const std::size_t end = std::min(text.find('\n', at), text.size());
@@ -49,8 +49,8 @@ std::vector<Line> lines_of(std::string_view text) {
 std::string trimmed(std::string_view text) { return std::string(text.substr(0, text.find_last_not_of(kBlanks) + 1)); }
 
 // The only line with that word, if that is so. `lines` is not empty.
-Result<Line> only(const std::vector<Line>& lines, const std::string& path, std::string_view word) {
-  const auto is_it = [&](const Line& line) { return line.word == word; };
+Result<ExtlinuxLine> only(const std::vector<ExtlinuxLine>& lines, const std::string& path, std::string_view word) {
+  const auto is_it = [&](const ExtlinuxLine& line) { return line.word == word; };
   const auto found = std::find_if(lines.begin(), lines.end(), is_it);
   if (found == lines.end()) {
     return refusal(place(path, lines.front().number), fmt::format("no line \"{} ...\" from here on", word));
@@ -62,11 +62,11 @@ Result<Line> only(const std::vector<Line>& lines, const std::string& path, std::
 }
 
 // The lines from the label that DEFAULT names up to the next label.
-Result<std::vector<Line>> default_entry(const std::vector<Line>& lines, const std::string& path) {
-  const Result<Line> chosen = only(lines, path, "default");
+Result<std::vector<ExtlinuxLine>> default_entry(const std::vector<ExtlinuxLine>& lines, const std::string& path) {
+  const Result<ExtlinuxLine> chosen = only(lines, path, "default");
   if (!chosen) return chosen.error();
   const std::string name = trimmed(chosen->argument);
-  std::vector<Line> entry;
+  std::vector<ExtlinuxLine> entry;
   for (std::size_t i = 0; i < lines.size(); ++i) {
     if (lines[i].word != "label" || trimmed(lines[i].argument) != name) continue;
     if (!entry.empty()) {
@@ -74,7 +74,8 @@ Result<std::vector<Line>> default_entry(const std::vector<Line>& lines, const st
                      fmt::format("a second label \"{}\", after that of line {}", printable(name), entry[0].number));
     }
     const auto first = lines.begin() + static_cast<std::ptrdiff_t>(i);
-    entry.assign(first, std::find_if(first + 1, lines.end(), [](const Line& line) { return line.word == "label"; }));
+    entry.assign(first,
+                 std::find_if(first + 1, lines.end(), [](const ExtlinuxLine& line) { return line.word == "label"; }));
   }
   if (!entry.empty()) return entry;
   return refusal(place(path, chosen->number),
@@ -104,9 +105,9 @@ Result<Edit> edit_line(const std::string& path, const std::string& text, const s
 
 Result<Edit> edit_extlinux(const std::string& path, const std::string& text, const std::vector<Flag>& wanted) {
   if (const Result<> good = check_boot_text(path, text); !good) return good.error();
-  const Result<std::vector<Line>> entry = default_entry(lines_of(text), path);
+  const Result<std::vector<ExtlinuxLine>> entry = default_entry(lines_of(text), path);
   if (!entry) return entry.error();
-  const Result<Line> append = only(*entry, path, "append");
+  const Result<ExtlinuxLine> append = only(*entry, path, "append");
   if (!append) return append.error();
   const Result<std::string> line = with_flags(append->argument, wanted, place(path, append->number));
   if (!line) return line.error();

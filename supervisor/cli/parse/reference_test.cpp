@@ -28,7 +28,7 @@ class ReferenceTest : public ::testing::Test {
     return wrong ? wrong->message : "";
   }
 
-  Words words_;
+  CommandLine words_;
   CLI::App app_;
 };
 

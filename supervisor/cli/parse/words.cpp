@@ -20,16 +20,16 @@ constexpr const char* kHardware = "Hardware and simulation";
 constexpr const char* kMachine = "This machine";
 constexpr const char* kHelp = "Help";
 
-using Act = std::function<int(Words&)>;
+using Act = std::function<int(CommandLine&)>;
 
 // A verb: what it does gives the exit code.
-CLI::App* add_verb(CLI::App& parent, Words& words, const std::string& name, const char* about, Act act) {
+CLI::App* add_verb(CLI::App& parent, CommandLine& words, const std::string& name, const char* about, Act act) {
   CLI::App* verb = parent.add_subcommand(name, about)->fallthrough();
   verb->callback([&words, act = std::move(act)] { words.code = act(words); });
   return verb;
 }
 
-CLI::App* add_verb(CLI::App& app, Words& words, const char* group, const std::string& name, const char* about,
+CLI::App* add_verb(CLI::App& app, CommandLine& words, const char* group, const std::string& name, const char* about,
                    Act act) {
   return add_verb(app, words, name, about, std::move(act))->group(group);
 }
@@ -39,16 +39,16 @@ CLI::App* add_group(CLI::App& app, const char* group, const char* name, const ch
 }
 
 // A verb that is one command of the Spine, by another name if `command` is given.
-void add_command(CLI::App& app, Words& words, const char* group, const char* name, const char* about,
+void add_command(CLI::App& app, CommandLine& words, const char* group, const char* name, const char* about,
                  const char* command = nullptr) {
   const std::string sent = command != nullptr ? command : name;
-  add_verb(app, words, group, name, about, [sent](Words& w) { return cli::command(w.context, sent); });
+  add_verb(app, words, group, name, about, [sent](CommandLine& w) { return cli::command(w.context, sent); });
 }
 
-void add_run(CLI::App& app, Words& words) {
+void add_run(CLI::App& app, CommandLine& words) {
   CLI::App* run =
       add_verb(app, words, kRobot, "run",
-               "start a robot and supervise it until Ctrl-C; adopts a Spine that already ticks", [](Words& w) {
+               "start a robot and supervise it until Ctrl-C; adopts a Spine that already ticks", [](CommandLine& w) {
                  w.run.json = w.context.json;
                  return control::run_robot(w.run);
                });
@@ -71,40 +71,41 @@ void add_units(CLI::App& verb, Context& context) {
       ->check(CLI::IsMember({"deg", "rad"}));
 }
 
-void add_robot(CLI::App& app, Words& words) {
+void add_robot(CLI::App& app, CommandLine& words) {
   add_verb(app, words, kRobot, "list", "running robots, with or without a supervisor",
-           [](Words& w) { return list(w.context); });
+           [](CommandLine& w) { return list(w.context); });
   CLI::App* show = add_verb(app, words, kRobot, "status", "alarms, mode, law, timing, joints",
-                            [](Words& w) { return status(w.context); });
+                            [](CommandLine& w) { return status(w.context); });
   add_units(*show, words.context);
   CLI::App* live =
-      add_verb(app, words, kRobot, "top", "status, live", [](Words& w) { return top(w.context, w.turns); });
+      add_verb(app, words, kRobot, "top", "status, live", [](CommandLine& w) { return top(w.context, w.turns); });
   live->add_option("--turns", words.turns, "end after this many updates")->type_name("N");
   add_units(*live, words.context);
   CLI::App* log = add_verb(app, words, kRobot, "events", "what happened",
-                           [](Words& w) { return events(w.context, w.since, w.follow); });
+                           [](CommandLine& w) { return events(w.context, w.since, w.follow); });
   log->add_option("--since", words.since, "only events after this cursor")->type_name("CURSOR");
   log->add_flag("--follow,-f", words.follow, "go on until Ctrl-C");
   CLI::App* incident =
       add_group(app, kRobot, "incident", "telemetry kept around faults, rollbacks and changes of mode");
   CLI::App* kept = add_verb(*incident, words, "list", "the newest last",
-                            [](Words& w) { return incident_list(w.context, w.folder); });
+                            [](CommandLine& w) { return incident_list(w.context, w.folder); });
   CLI::App* one = add_verb(*incident, words, "show", "one of them",
-                           [](Words& w) { return incident_show(w.context, w.which, w.folder); });
+                           [](CommandLine& w) { return incident_show(w.context, w.which, w.folder); });
   CLI::App* plot = add_verb(*incident, words, "plot", "draw one of them: setpoint, position and torque of each joint",
-                            [](Words& w) { return incident_plot(w.context, w.which, w.folder, w.file); });
+                            [](CommandLine& w) { return incident_plot(w.context, w.which, w.folder, w.file); });
   plot->add_option("--out", words.file, "the picture, .png or .svg (default: beside the incident)")->type_name("FILE");
   for (CLI::App* each : {one, plot}) each->add_option("WHICH", words.which, "last (default), or a number");
   for (CLI::App* each : {kept, one, plot}) {
     each->add_option("--folder", words.folder, "folder of the incidents, instead of the robot's")->type_name("DIR");
   }
   add_verb(app, words, kRobot, "estop", "stop now, with or without a supervisor; latched",
-           [](Words& w) { return estop(w.context); });
+           [](CommandLine& w) { return estop(w.context); });
   add_command(app, words, kRobot, "stop", "end `lithe run`, like Ctrl-C", "shutdown");
 }
 
-void add_motion(CLI::App& app, Words& words, const char* name, bool relative, const char* about, const char* angle) {
-  CLI::App* verb = add_verb(app, words, kMotion, name, about, [relative](Words& w) {
+void add_motion(CLI::App& app, CommandLine& words, const char* name, bool relative, const char* about,
+                const char* angle) {
+  CLI::App* verb = add_verb(app, words, kMotion, name, about, [relative](CommandLine& w) {
     w.motion.relative = relative;
     return move(w.context, w.motion);
   });
@@ -115,14 +116,14 @@ void add_motion(CLI::App& app, Words& words, const char* name, bool relative, co
       ->transform(seconds());
 }
 
-void add_motions(CLI::App& app, Words& words) {
+void add_motions(CLI::App& app, CommandLine& words) {
   add_command(app, words, kMotion, "arm", "switch the drives on; the law tracks the plan");
   add_command(app, words, kMotion, "disarm", "switch the drives off");
   add_command(app, words, kMotion, "hold", "stop the setpoint and hold, until lithe arm");
   add_command(app, words, kMotion, "reset", "leave a latched fault or e-stop, drives off");
   add_verb(app, words, kMotion, "recover",
            "bring joints inside their limits: slowly, with little torque, without a law",
-           [](Words& w) { return recover(w.context); });
+           [](CommandLine& w) { return recover(w.context); });
   add_motion(app, words, "move", false, "move one joint to an angle; the others keep their setpoints",
              "target, in degrees");
   add_motion(app, words, "jog", true, "move one joint by an angle: lithe jog elbow -5", "distance, in degrees");
@@ -150,9 +151,9 @@ void add_terms(CLI::App& swap, std::map<std::string, double>& terms) {
   add("--box", "box_ms", "MS", "processor time of the trial");
 }
 
-void add_swap(CLI::App& app, Words& words) {
+void add_swap(CLI::App& app, CommandLine& words) {
   CLI::App* swap = add_verb(app, words, kLaws, "swap", "replace the running law",
-                            [](Words& w) { return swap_law(w.context, w.law, w.params, w.terms, w.no_promote); });
+                            [](CommandLine& w) { return swap_law(w.context, w.law, w.params, w.terms, w.no_promote); });
   add_terms(*swap, words.terms);
   swap->add_flag("--no-promote", words.no_promote, "only compare it with the running law, for the time of --shadow")
       ->needs("--shadow");
@@ -160,52 +161,52 @@ void add_swap(CLI::App& app, Words& words) {
   swap->add_option("--param", words.params, "NAME=VALUE, tried with the law, in force on its first tick")
       ->type_name("NAME=VALUE");
   add_verb(app, words, kLaws, "rollback", "back to the law before this one, with its state",
-           [](Words& w) { return rollback(w.context, w.steps); })
+           [](CommandLine& w) { return rollback(w.context, w.steps); })
       ->add_option("STEPS", words.steps, "number of laws to go back, 1 to 4")
       ->check(CLI::Range(1, 4));
 }
 
-void add_laws(CLI::App& app, Words& words) {
+void add_laws(CLI::App& app, CommandLine& words) {
   CLI::App* law = add_group(app, kLaws, "law", "laws as files");
   add_verb(*law, words, "activate", "an earlier law runs again, with its state",
-           [](Words& w) { return law_activate(w.context, w.which); })
+           [](CommandLine& w) { return law_activate(w.context, w.which); })
       ->add_option("NAME", words.which, "as `lithe law list` has it")
       ->required();
   add_verb(*law, words, "check", "compile a law, apply the admission rules, dry run; loads nothing",
-           [](Words& w) { return law_check(w.context, w.law); })
+           [](CommandLine& w) { return law_check(w.context, w.law); })
       ->add_option("LAW", words.law, "C++ file")
       ->required();
   add_verb(*law, words, "list", "laws that come with LITHE, and laws in the Spine",
-           [](Words& w) { return law_list(w.context); });
+           [](CommandLine& w) { return law_list(w.context); });
   CLI::App* show = add_verb(*law, words, "show", "show the certificate of a swap",
-                            [](Words& w) { return law_show(w.context, w.which, w.folder, w.source); });
+                            [](CommandLine& w) { return law_show(w.context, w.which, w.folder, w.source); });
   show->add_option("WHICH", words.which, "last (default), a number, or the name of a law (its newest)");
   show->add_flag("--source", words.source, "the text of its law, as it was sent");
   CLI::App* verify = add_verb(*law, words, "verify", "verify all certificates against their chain",
-                              [](Words& w) { return law_verify(w.context, w.folder); });
+                              [](CommandLine& w) { return law_verify(w.context, w.folder); });
   for (CLI::App* each : {show, verify}) {
     each->add_option("--folder", words.folder, "folder of the certificates, instead of the robot's")->type_name("DIR");
   }
 }
 
-void add_params(CLI::App& app, Words& words) {
+void add_params(CLI::App& app, CommandLine& words) {
   CLI::App* param = add_group(app, kLaws, "param", "parameters of the running law");
-  add_verb(*param, words, "get", "values and ranges", [](Words& w) {
+  add_verb(*param, words, "get", "values and ranges", [](CommandLine& w) {
     return param_get(w.context, w.name);
   })->add_option("NAME", words.name, "one of them");
-  add_verb(*param, words, "set", "change one or more", [](Words& w) { return param_set(w.context, w.params); })
+  add_verb(*param, words, "set", "change one or more", [](CommandLine& w) { return param_set(w.context, w.params); })
       ->add_option("PARAM", words.params, "NAME VALUE, or NAME=VALUE ...")
       ->required();
   add_verb(*param, words, "revert", "the values before the last change",
-           [](Words& w) { return param_revert(w.context); });
+           [](CommandLine& w) { return param_revert(w.context); });
   add_verb(*param, words, "save", "write the present values into the law's file",
-           [](Words& w) { return param_save(w.context, w.law); })
+           [](CommandLine& w) { return param_save(w.context, w.law); })
       ->add_option("LAW", words.law, "C++ file of the running law")
       ->required();
 }
 
 // The arguments that choose a bus.
-void add_place(CLI::App& verb, bus::Words& bus) {
+void add_place(CLI::App& verb, bus::CommandLine& bus) {
   verb.add_option("WHAT", bus.what, "robot file, or a bus: " + bus::bus_forms())->required();
   verb.add_option("--bus", bus.bus, "this bus of the robot only")->type_name("NAME");
   verb.add_option("--bitrate", bus.bitrate, "bit rate without a robot file (default 1000000)")->type_name("BIT/S");
@@ -213,18 +214,18 @@ void add_place(CLI::App& verb, bus::Words& bus) {
       ->type_name("BIT/S");
 }
 
-void add_scan(CLI::App& bus, Words& words) {
+void add_scan(CLI::App& bus, CommandLine& words) {
   CLI::App* scan = add_verb(bus, words, "scan", "scan the buses and compare with the robot file",
-                            [](Words& w) { return bus_scan(w.context, w.bus_words, w.scan); });
+                            [](CommandLine& w) { return bus_scan(w.context, w.bus_words, w.scan); });
   add_place(*scan, words.bus_words);
   scan->add_option("--listen", words.scan.listen_s, "seconds to listen before asking (default 1.1)")
       ->type_name("S")
       ->check(CLI::Range(0.0, 60.0));
 }
 
-void add_monitor(CLI::App& bus, Words& words) {
+void add_monitor(CLI::App& bus, CommandLine& words) {
   CLI::App* monitor = add_verb(bus, words, "monitor", "show passing frames as text; then statistics",
-                               [](Words& w) { return bus_monitor(w.context, w.bus_words, w.monitor); });
+                               [](CommandLine& w) { return bus_monitor(w.context, w.bus_words, w.monitor); });
   add_place(*monitor, words.bus_words);
   monitor->add_flag("--raw", words.monitor.raw, "with the bytes");
   monitor->add_option("--count", words.monitor.count, "end after this many frames")->type_name("N");
@@ -236,10 +237,10 @@ void add_monitor(CLI::App& bus, Words& words) {
       ->allow_extra_args(false);
 }
 
-void add_bus(CLI::App& app, Words& words) {
+void add_bus(CLI::App& app, CommandLine& words) {
   CLI::App* bus = add_group(app, kHardware, "bus", "the robot's buses");
   CLI::App* plan = add_verb(*bus, words, "plan", "whether a robot's buses can carry its traffic",
-                            [](Words& w) { return bus_plan(w.context, w.file, w.plan); });
+                            [](CommandLine& w) { return bus_plan(w.context, w.file, w.plan); });
   plan->add_option("ROBOT", words.file, "robot file")->required();
   plan->add_option("--rate", words.plan.rate_hz, "ticks per second, instead of the file's")
       ->type_name("HZ")
@@ -252,7 +253,7 @@ void add_bus(CLI::App& app, Words& words) {
   add_monitor(*bus, words);
 }
 
-void add_sim(CLI::App& app, Words& words) {
+void add_sim(CLI::App& app, CommandLine& words) {
   CLI::App* sim = app.add_subcommand("sim",
                                      "simulated devices on terminals, for other programs: lithe sim --help; "
                                      "lithe sim reset: the joints of a simulated robot back to their start");
@@ -277,9 +278,9 @@ void add_modules(CLI::App& app) {
   }
 }
 
-void add_doctor(CLI::App& app, Words& words) {
+void add_doctor(CLI::App& app, CommandLine& words) {
   CLI::App* verb = add_verb(app, words, kMachine, "doctor", "how well the Spine's core is protected; changes nothing",
-                            [](Words& w) { return doctor(w.context, w.doctor); });
+                            [](CommandLine& w) { return doctor(w.context, w.doctor); });
   verb->add_option("--cpu", words.doctor.cpu, "judge this core, instead of the one that the Spine would get")
       ->type_name("N")
       ->check(CLI::Range(0, 8191));
@@ -290,12 +291,12 @@ void add_doctor(CLI::App& app, Words& words) {
   verb->footer("exit code: 0 tier A or B, 1 below, 2 the core cannot be judged or measured; docs/host.md");
 }
 
-void add_root(CLI::App& verb, Words& words) {
+void add_root(CLI::App& verb, CommandLine& words) {
   verb.add_option("--root", words.tune.root, "a mounted image instead of this machine: only its files are planned")
       ->type_name("DIR");
 }
 
-void add_target(CLI::App& verb, Words& words) {
+void add_target(CLI::App& verb, CommandLine& words) {
   add_root(verb, words);
   verb.add_option("--cores", words.tune.cores, "the robot's cores, instead of those that lithe run would take: 1,3")
       ->type_name("LIST");
@@ -305,20 +306,20 @@ void add_target(CLI::App& verb, Words& words) {
   verb.add_flag("--no-files", words.tune.no_files, "only what ends with this boot");
 }
 
-void add_tune(CLI::App& app, Words& words) {
+void add_tune(CLI::App& app, CommandLine& words) {
   CLI::App* tune = add_group(app, kMachine, "tune", "set this machine up for a robot, and back");
   add_target(*add_verb(*tune, words, "plan", "show every change and its reason; changes nothing",
-                       [](Words& w) { return tune_plan(w.context, w.tune); }),
+                       [](CommandLine& w) { return tune_plan(w.context, w.tune); }),
              words);
   add_target(*add_verb(*tune, words, "apply", "make the changes of the plan, with a journal",
-                       [](Words& w) { return tune_apply(w.context, w.tune); }),
+                       [](CommandLine& w) { return tune_apply(w.context, w.tune); }),
              words);
   CLI::App* revert = add_verb(*tune, words, "revert", "undo them; what somebody else changed since stays",
-                              [](Words& w) { return tune_revert(w.context, w.tune); });
+                              [](CommandLine& w) { return tune_revert(w.context, w.tune); });
   add_root(*revert, words);
   revert->add_flag("--force", words.tune.force, "forget what somebody else changed: the journal is dropped");
   CLI::App* shield = add_verb(*tune, words, "shield", "run a command while all other tasks keep off the robot's core",
-                              [](Words& w) { return tune_shield(w.context, w.tune); });
+                              [](CommandLine& w) { return tune_shield(w.context, w.tune); });
   shield->add_option("--cores", words.tune.cores, "the cores to keep free, instead of the Spine's")->type_name("LIST");
   shield->add_flag(
       "--partition", words.tune.partition,
@@ -326,8 +327,8 @@ void add_tune(CLI::App& app, Words& words) {
   shield->add_option("COMMAND", words.tune.command, "after --: a program and its arguments")->required();
 }
 
-void add_help(CLI::App& app, Words& words) {
-  CLI::App* help = add_verb(app, words, kHelp, "help", "this list, or the help of one verb", [&app](Words& w) {
+void add_help(CLI::App& app, CommandLine& words) {
+  CLI::App* help = add_verb(app, words, kHelp, "help", "this list, or the help of one verb", [&app](CommandLine& w) {
     std::cout << value_of(help_text(app, w.about, w.form)) << std::flush;
     return 0;
   });
@@ -348,7 +349,7 @@ void add_help(CLI::App& app, Words& words) {
 
 }  // namespace
 
-void add_words(CLI::App& app, Words& words) {
+void add_words(CLI::App& app, CommandLine& words) {
   app.name("lithe");
   app.description("LITHE: a robot whose law can be replaced while it moves");
   app.require_subcommand(1);

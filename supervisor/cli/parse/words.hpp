@@ -15,7 +15,7 @@
 namespace lithe::cli {
 
 // The parsed command line.
-struct Words {
+struct CommandLine {
   Context context;
   control::RunOptions run;
   std::string law;
@@ -44,6 +44,6 @@ struct Words {
 };
 
 // Adds all verbs to `app`; the parsed verb acts on `words`. Both must exist until parsing has ended.
-void add_words(CLI::App& app, Words& words);
+void add_words(CLI::App& app, CommandLine& words);
 
 }  // namespace lithe::cli

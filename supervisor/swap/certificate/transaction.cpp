@@ -39,7 +39,7 @@ double ms(std::int64_t duration_ns) { return static_cast<double>(duration_ns) * 
 
 struct Argument {
   const char* name;
-  double Terms::* field;
+  double SwapTerms::* field;
   double least, most;
   bool or_zero;  // 0 switches it off, whatever `least` says
   const char* what;
@@ -48,13 +48,14 @@ struct Argument {
 constexpr double kTickLimit = std::numeric_limits<double>::infinity();  // as long as one tick
 
 constexpr Argument kArguments[] = {
-    {"blend_s", &Terms::blend_s, 0.0, 5.0, true, "from the old law's torque to the new one's"},
-    {"probation_s", &Terms::probation_s, 0.0, 60.0, true, "automatic rollback for so long, 0 = none"},
-    {"error_ratio", &Terms::error_ratio, 1.0, 1e6, true, "roll back when tracking gets so many times worse, 0 = never"},
-    {"shadow_s", &Terms::shadow_s, 0.0, 60.0, true, "beside the active law first, 0 = no shadow"},
-    {"shadow_tolerance_nm", &Terms::shadow_tolerance_nm, 1e-9, 1e6, false, "largest difference that is agreement"},
-    {"budget_us", &Terms::budget_us, 1.0, kTickLimit, false, "of one step"},
-    {"box_ms", &Terms::box_ms, 20.0, 5000.0, false, "processor time of the trial"},
+    {"blend_s", &SwapTerms::blend_s, 0.0, 5.0, true, "from the old law's torque to the new one's"},
+    {"probation_s", &SwapTerms::probation_s, 0.0, 60.0, true, "automatic rollback for so long, 0 = none"},
+    {"error_ratio", &SwapTerms::error_ratio, 1.0, 1e6, true,
+     "roll back when tracking gets so many times worse, 0 = never"},
+    {"shadow_s", &SwapTerms::shadow_s, 0.0, 60.0, true, "beside the active law first, 0 = no shadow"},
+    {"shadow_tolerance_nm", &SwapTerms::shadow_tolerance_nm, 1e-9, 1e6, false, "largest difference that is agreement"},
+    {"budget_us", &SwapTerms::budget_us, 1.0, kTickLimit, false, "of one step"},
+    {"box_ms", &SwapTerms::box_ms, 20.0, 5000.0, false, "processor time of the trial"},
 };
 
 constexpr const char* kPromote = "promote";
@@ -65,15 +66,15 @@ std::uint32_t ticks(double seconds, double rate_hz) {
 
 }  // namespace
 
-Json Terms::to_json() const {
+Json SwapTerms::to_json() const {
   Json out = Json::object();
   for (const Argument& each : kArguments) out[each.name] = this->*each.field;
   out["promote"] = promote;
   return out;
 }
 
-Terms terms_of(const robot::RobotConfig& robot, double rate_hz) {
-  Terms terms;
+SwapTerms terms_of(const robot::RobotConfig& robot, double rate_hz) {
+  SwapTerms terms;
   terms.blend_s = robot.swap.blend_s;
   terms.probation_s = robot.swap.probation_s;
   terms.error_ratio = robot.swap.probation_error_ratio;
@@ -89,8 +90,8 @@ bool is_term(const std::string& argument) {
                                              [&](const Argument& each) { return argument == each.name; });
 }
 
-std::variant<Terms, Refusal> read_terms(const Json& args, const Terms& robot, double rate_hz) {
-  Terms terms = robot;
+std::variant<SwapTerms, Refusal> read_terms(const Json& args, const SwapTerms& robot, double rate_hz) {
+  SwapTerms terms = robot;
   for (const Argument& each : kArguments) {
     const auto found = args.find(each.name);
     if (found == args.end() || found->is_null()) continue;
@@ -118,7 +119,7 @@ std::variant<Terms, Refusal> read_terms(const Json& args, const Terms& robot, do
   return terms;
 }
 
-void put_terms(const Terms& terms, double rate_hz, wire::StageRequest& request) {
+void put_terms(const SwapTerms& terms, double rate_hz, wire::StageRequest& request) {
   request.budget_ns = terms.budget_ns();
   request.shadow_only = terms.promote ? 0 : 1;
   request.shadow_ticks = ticks(terms.shadow_s, rate_hz);

@@ -15,7 +15,7 @@
 namespace lithe::control {
 
 // The terms of a swap: from the robot file, changed by the request.
-struct Terms {
+struct SwapTerms {
   double blend_s = 0.0;              // from the old law's torque to the new one's; 0 = the slew bound alone
   double probation_s = 0.0;          // automatic rollback for so long; 0 = none
   double error_ratio = 0.0;          // of the tracking error to the largest before; 0 = tracking is not judged
@@ -30,15 +30,15 @@ struct Terms {
 };
 
 // The robot file's terms. The default shadow tolerance is a tenth of the smallest torque limit.
-Terms terms_of(const robot::RobotConfig& robot, double rate_hz);
+SwapTerms terms_of(const robot::RobotConfig& robot, double rate_hz);
 
 // The arguments of a request that are terms: blend_s probation_s error_ratio shadow_s shadow_tolerance_nm budget_us
 // box_ms promote. Others are ignored. A Refusal names the argument, its range and what it is for.
-std::variant<Terms, Refusal> read_terms(const Json& args, const Terms& robot, double rate_hz);
+std::variant<SwapTerms, Refusal> read_terms(const Json& args, const SwapTerms& robot, double rate_hz);
 bool is_term(const std::string& argument);
 
 // The same in the Spine's units (ticks).
-void put_terms(const Terms& terms, double rate_hz, wire::StageRequest& request);
+void put_terms(const SwapTerms& terms, double rate_hz, wire::StageRequest& request);
 
 //   submitted -> compiled -> admitted -> placed -> tried -> staged -> (shadow) -> committed
 //   committed -> (unproven) -> confirmed or rolled_back -> retired
@@ -69,7 +69,7 @@ struct SwapRequest {
   std::string name;              // file name shown in diagnostics
   std::string source;            // C++ text of one law
   Json params = Json::object();  // name -> value, in its trial and in force on its first tick
-  Terms terms = {};
+  SwapTerms terms = {};
   std::uint64_t client = 0;  // 0 = no client
   bool supersede = false;    // replaces this client's waiting request of the same name
 };

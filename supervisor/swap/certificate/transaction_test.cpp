@@ -100,10 +100,10 @@ TEST(Transaction, OneThatIsOnlyMeasuredIsNeitherRefusedNorCommitted) {
   EXPECT_FALSE(record.contains("commit_tick") || record.contains("error"));
 }
 
-TEST(Terms, PromoteIsTrueOrFalseAndFalseSaysForHowLong) {
+TEST(SwapTerms, PromoteIsTrueOrFalseAndFalseSaysForHowLong) {
   const auto read = [](const Json& args) { return read_terms(args, {}, 1000); };
-  EXPECT_TRUE(std::get<Terms>(read({{"shadow_s", 2}})).promote);
-  EXPECT_FALSE(std::get<Terms>(read({{"shadow_s", 2}, {"promote", false}})).promote);
+  EXPECT_TRUE(std::get<SwapTerms>(read({{"shadow_s", 2}})).promote);
+  EXPECT_FALSE(std::get<SwapTerms>(read({{"shadow_s", 2}, {"promote", false}})).promote);
   EXPECT_EQ(std::get<Refusal>(read({{"promote", false}})).code, "usage");
   EXPECT_EQ(std::get<Refusal>(read({{"shadow_s", 2}, {"promote", 0}})).code, "usage");
 }
@@ -219,20 +219,20 @@ robot::RobotConfig arm() {
   return robot;
 }
 
-const Terms kTerms = terms_of(arm(), 1000.0);
+const SwapTerms kTerms = terms_of(arm(), 1000.0);
 
-TEST(Terms, AreTheRobotsUnlessTheRequestSaysOtherwise) {
+TEST(SwapTerms, AreTheRobotsUnlessTheRequestSaysOtherwise) {
   EXPECT_DOUBLE_EQ(kTerms.budget_us, 300.0);
   EXPECT_DOUBLE_EQ(kTerms.shadow_tolerance_nm, 0.05);
   const auto read = read_terms({{"blend_s", 0.1}, {"probation_s", 0}, {"source", "x"}}, kTerms, 1000.0);
-  ASSERT_TRUE(std::holds_alternative<Terms>(read));
-  EXPECT_DOUBLE_EQ(std::get<Terms>(read).blend_s, 0.1);
-  EXPECT_DOUBLE_EQ(std::get<Terms>(read).probation_s, 0.0);
-  EXPECT_DOUBLE_EQ(std::get<Terms>(read).error_ratio, kTerms.error_ratio);
+  ASSERT_TRUE(std::holds_alternative<SwapTerms>(read));
+  EXPECT_DOUBLE_EQ(std::get<SwapTerms>(read).blend_s, 0.1);
+  EXPECT_DOUBLE_EQ(std::get<SwapTerms>(read).probation_s, 0.0);
+  EXPECT_DOUBLE_EQ(std::get<SwapTerms>(read).error_ratio, kTerms.error_ratio);
 }
 
-TEST(Terms, GoToTheSpineInTicksAndAShortTimeIsStillOne) {
-  Terms terms = kTerms;
+TEST(SwapTerms, GoToTheSpineInTicksAndAShortTimeIsStillOne) {
+  SwapTerms terms = kTerms;
   terms.shadow_s = 2.0;
   terms.blend_s = 0.0001;
   wire::StageRequest request;
@@ -244,7 +244,7 @@ TEST(Terms, GoToTheSpineInTicksAndAShortTimeIsStillOne) {
   EXPECT_DOUBLE_EQ(request.probation_error_ratio, 3.0);
 }
 
-TEST(Terms, WhatDoesNotFitIsRefusedByName) {
+TEST(SwapTerms, WhatDoesNotFitIsRefusedByName) {
   const Json wrong[] = {{{"blend_s", -1}},      {{"blend_s", "20ms"}}, {{"probation_s", 61}},
                         {{"error_ratio", 0.5}}, {{"shadow_s", 1e9}},   {{"shadow_tolerance_nm", 0}},
                         {{"budget_us", 1001}},  {{"budget_us", 0}},    {{"box_ms", 1}}};
@@ -256,10 +256,10 @@ TEST(Terms, WhatDoesNotFitIsRefusedByName) {
   }
 }
 
-TEST(Terms, ZeroSwitchesOffWhatHasALeastValue) {
+TEST(SwapTerms, ZeroSwitchesOffWhatHasALeastValue) {
   const auto read = read_terms({{"error_ratio", 0}}, kTerms, 1000.0);
-  ASSERT_TRUE(std::holds_alternative<Terms>(read));
-  EXPECT_DOUBLE_EQ(std::get<Terms>(read).error_ratio, 0.0);
+  ASSERT_TRUE(std::holds_alternative<SwapTerms>(read));
+  EXPECT_DOUBLE_EQ(std::get<SwapTerms>(read).error_ratio, 0.0);
 }
 
 }  // namespace

@@ -48,11 +48,11 @@ void Guard::forget_faults() LITHE_RT {
 }
 
 // The worst fault of this tick, without earlier faults of groups that the robot continues without.
-Fault Guard::judge(const Input& in, Verdict& verdict) LITHE_RT {
+Fault Guard::find_fault(const Input& in, Verdict& verdict) LITHE_RT {
   for (std::size_t g = 0; g < groups_; ++g) group_[g].news = false;
   const bool too_late = in.stale_ticks >= rules_.late_ticks_to_stop;
-  const Fault of_joints = judge_joints(in, too_late);
-  const Fault of_all = judge_robot(in, too_late, verdict.flags);
+  const Fault of_joints = fault_of_joints(in, too_late);
+  const Fault of_all = fault_of_robot(in, too_late, verdict.flags);
   bool all_stopped = true;
   Fault news = Fault::none;
   for (std::size_t g = 0; g < groups_; ++g) {
@@ -68,12 +68,12 @@ Fault Guard::judge(const Input& in, Verdict& verdict) LITHE_RT {
 }
 
 // Also determines which samples are usable.
-Fault Guard::judge_joints(const Input& in, bool too_late) LITHE_RT {
+Fault Guard::fault_of_joints(const Input& in, bool too_late) LITHE_RT {
   Fault worst = Fault::none;
   for (std::size_t j = 0; j < joints_; ++j) {
     Joint& joint = joint_[j];
     joint.usable = !too_late && is_sane(in, j) && (in.joint_status[j] & (bit::kLost | bit::kConflict)) == 0;
-    const Fault fault = judge_joint(in, j);
+    const Fault fault = fault_of_joint(in, j);
     if (fault == Fault::none) continue;
     worst = worse(worst, fault);
     const bool told = joint.fault != Fault::none;
@@ -83,7 +83,7 @@ Fault Guard::judge_joints(const Input& in, bool too_late) LITHE_RT {
   return worst;
 }
 
-Fault Guard::judge_joint(const Input& in, std::size_t j) const LITHE_RT {
+Fault Guard::fault_of_joint(const Input& in, std::size_t j) const LITHE_RT {
   const std::uint32_t status = in.joint_status[j];
   const Limits& limit = joint_[j].limit;
   if ((status & bit::kFault) != 0) return Fault::drive_fault;
@@ -109,7 +109,7 @@ void Guard::latch(const Joint& joint, std::size_t j, Fault fault) LITHE_RT {
 }
 
 // Faults of the whole robot.
-Fault Guard::judge_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT {
+Fault Guard::fault_of_robot(const Input& in, bool too_late, std::uint32_t& flags) const LITHE_RT {
   if (in.stale_ticks > 0) flags |= wire::telemetry_flag::kSampleStale;
   const bool brain_stale = in.brain_age_ns < 0 || in.brain_age_ns > rules_.brain_stale_ns;
   if (brain_stale) flags |= wire::telemetry_flag::kBrainStale;
