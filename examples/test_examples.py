@@ -8,22 +8,22 @@ from pathlib import Path
 
 import calm
 import pytest
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 
 EXAMPLES = sorted(path for path in Path(__file__).parent.iterdir() if (path / "main.py").exists())
 
 
 @pytest.fixture(scope="module")
-def house() -> Iterator[House]:
+def rig() -> Iterator[RobotRig]:
     """One robot for all of them, one after the other."""
     with calm.calm_robot() as running:
         yield running
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)
-def test_the_example_prints_what_it_promises(example: Path, house: House) -> None:
+def test_the_example_prints_what_it_promises(example: Path, rig: RobotRig) -> None:
     # As a shell has it: this process has limited numpy's threads by importing lithe itself.
-    environment = {key: value for key, value in house.env.items() if not key.endswith("_NUM_THREADS")}
+    environment = {key: value for key, value in rig.env.items() if not key.endswith("_NUM_THREADS")}
     done = subprocess.run(
         [sys.executable, example / "main.py"],
         env=environment | {"PYTHONPATH": str(ROOT / "brain"), "PYTHONWARNINGS": "error"},

@@ -12,7 +12,7 @@ from typing import Any
 import lithe
 from inconclusive import inconclusive
 from lithe.demo import verdict
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 
 ARM = {
     'release = "spin"': 'release = "sleep"',
@@ -23,7 +23,7 @@ ARM = {
 }
 
 
-# Of the robots that do not say what they leave as it is. They take the name by which a House finds its robot.
+# Of the robots that do not say what they leave as it is. They take the name by which a RobotRig finds its robot.
 OTHERS = {
     "watchdog_s = 0.2 ": "watchdog_s = 10.0 ",
     'law = "../laws/pd.cpp"': f'law = "{ROOT}/laws/pd.cpp"\n\n'
@@ -66,17 +66,17 @@ def falls_short(summary: dict[str, Any]) -> list[str]:
 
 
 @contextmanager
-def calm_robot(*words: str, changes: dict[str, str] | None = None, ideal: bool = True) -> Iterator[House]:
+def calm_robot(*words: str, changes: dict[str, str] | None = None, ideal: bool = True) -> Iterator[RobotRig]:
     """The running, armed robot; this process sees it as `lithe.connect()` would. `words` are for `lithe run`."""
     before = dict(os.environ)
-    with House() as house:
-        house.config = house.dir / "arm.toml"
-        house.config.write_text(calm_text(changes, ideal=ideal), encoding="utf-8")
-        os.environ.update({key: value for key, value in house.env.items() if key.startswith("LITHE_")})
+    with RobotRig() as rig:
+        rig.config = rig.dir / "arm.toml"
+        rig.config.write_text(calm_text(changes, ideal=ideal), encoding="utf-8")
+        os.environ.update({key: value for key, value in rig.env.items() if key.startswith("LITHE_")})
         try:
-            house.run(*words)
-            house.wait_for(lambda: house.ask("status")["mode"] == "active")
-            yield house
+            rig.run(*words)
+            rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
+            yield rig
         finally:
             os.environ.clear()
             os.environ.update(before)

@@ -13,7 +13,7 @@ from lithe import _wire, shm
 from lithe.shim import load_shim
 from lithe.shm import BrainWriter, SpineView
 from segments import own_prefix, remove
-from system.house import BIN, need
+from system.robot_rig import BIN, need
 
 ROOT = Path(__file__).resolve().parents[1]
 ROBOT = "arm"

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from lithe.gateway import Gateway
 from lithe.remote import Remote
-from system.house import House
+from system.robot_rig import RobotRig
 
 
 @pytest.fixture(scope="module")
-def house() -> Iterator[House]:
+def rig() -> Iterator[RobotRig]:
     """A running robot."""
     with calm.calm_robot() as running:
         yield running
 
 
 @pytest.fixture
-def robot(house: House) -> Iterator[lithe.Robot]:
+def robot(rig: RobotRig) -> Iterator[lithe.Robot]:
     """A connection; armed again if the test before left it otherwise. pytest itself keeps its cores."""
     cores = os.sched_getaffinity(0)
     with warnings.catch_warnings():

@@ -15,7 +15,7 @@ import calm
 import pytest
 from lithe.evolve.__main__ import main
 from lithe.gateway.references import References
-from system.house import BIN, ROOT, need
+from system.robot_rig import BIN, ROOT, need
 
 CHAIN, PD, GRAVITY = ROOT / "robots/chain.toml", ROOT / "laws/pd.cpp", ROOT / "laws/gravity_pd.cpp"
 BUDGET = 64
@@ -131,10 +131,10 @@ def test_refused_candidates_are_counted_with_the_reason(tmp_path: Path, capsys: 
 def test_a_winner_on_the_robot_is_told_with_its_verdict_and_one_that_is_rolled_back_is_none(tmp_path: Path) -> None:
     law = tmp_path / "limp.cpp"
     law.write_text(LIMP)
-    with calm.calm_robot() as house, calm.connected() as robot:
+    with calm.calm_robot() as rig, calm.connected() as robot:
 
         def live(source: Path) -> subprocess.CompletedProcess[str]:
-            command = [sys.executable, "-m", "lithe.evolve", house.config, source, "--budget", "1", "--live"]
+            command = [sys.executable, "-m", "lithe.evolve", rig.config, source, "--budget", "1", "--live"]
             env = os.environ | {"PYTHONPATH": str(ROOT / "brain")}
             done = [*map(str, command), "--out", str(tmp_path / source.stem)]
             return subprocess.run(done, env=env, capture_output=True, text=True, timeout=300, check=False)

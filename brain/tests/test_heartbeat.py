@@ -18,7 +18,7 @@ import pytest
 from lithe._wire import TelemetryFlags
 from lithe.heartbeat import LONGEST_S, SHORTEST_S, Heartbeat, period_s
 from lithe.shm import SpineView
-from system.house import House
+from system.robot_rig import RobotRig
 
 PLAN_S = 4.0  # twice what the calm robot waits for a sign of life
 GOAL_RAD = 0.5
@@ -52,36 +52,36 @@ def is_stale(robot: lithe.Robot) -> bool:
 
 def start_from_zero(robot: lithe.Robot) -> None:
     robot.go_to([0.0], in_s=0.3)
-    House.wait_for(lambda: abs(setpoint_rad(robot)) < 1e-3)
+    RobotRig.wait_for(lambda: abs(setpoint_rad(robot)) < 1e-3)
 
 
-def test_a_long_plan_ends_where_it_should_though_nobody_beats(house: House) -> None:
+def test_a_long_plan_ends_where_it_should_though_nobody_beats(rig: RobotRig) -> None:
     with brain(heartbeat=True) as robot:
         start_from_zero(robot)
         robot.go_to([GOAL_RAD], in_s=PLAN_S)
         time.sleep(PLAN_S)
-        House.wait_for(lambda: setpoint_rad(robot) == pytest.approx(GOAL_RAD, abs=1e-3))
+        RobotRig.wait_for(lambda: setpoint_rad(robot) == pytest.approx(GOAL_RAD, abs=1e-3))
         assert not is_stale(robot)
 
 
-def test_a_brain_that_should_beat_itself_and_does_not_is_stopped_on_its_way(house: House) -> None:
+def test_a_brain_that_should_beat_itself_and_does_not_is_stopped_on_its_way(rig: RobotRig) -> None:
     with brain(heartbeat=False) as robot:
         start_from_zero(robot)
         robot.go_to([GOAL_RAD], in_s=PLAN_S)
         time.sleep(PLAN_S)
-        House.wait_for(lambda: is_stale(robot))
+        RobotRig.wait_for(lambda: is_stale(robot))
         assert 0 < setpoint_rad(robot) < GOAL_RAD - 0.05
 
         def heard() -> bool:
             robot.beat()  # each time: on a busy machine one alone may be stale again before anybody looks
             return not is_stale(robot)
 
-        House.wait_for(heard)
+        RobotRig.wait_for(heard)
 
 
-def test_a_frozen_brain_falls_silent_though_a_thread_beats_for_it(house: House) -> None:
+def test_a_frozen_brain_falls_silent_though_a_thread_beats_for_it(rig: RobotRig) -> None:
     code = "import lithe; r = lithe.connect('arm'); print(1, flush=True); input()"
-    env = house.env | {"PYTHONPATH": str(Path(lithe.__file__).parents[1])}
+    env = rig.env | {"PYTHONPATH": str(Path(lithe.__file__).parents[1])}
     with subprocess.Popen([sys.executable, "-c", code], stdin=-1, stdout=-1, env=env) as other:
         try:
             assert other.stdout is not None and other.stdout.readline() == b"1\n"
@@ -98,14 +98,14 @@ def test_a_frozen_brain_falls_silent_though_a_thread_beats_for_it(house: House) 
                 ages_s.append(age_s())
                 return sum(later < earlier for earlier, later in itertools.pairwise(ages_s))
 
-            House.wait_for(lambda: beats() >= 3)  # it beats all by itself
+            RobotRig.wait_for(lambda: beats() >= 3)  # it beats all by itself
             other.send_signal(signal.SIGSTOP)
-            House.wait_for(lambda: age_s() > 1.0)
+            RobotRig.wait_for(lambda: age_s() > 1.0)
         finally:
             other.kill()
 
 
-def test_close_ends_the_heartbeat_before_the_next_brain_comes(house: House) -> None:
+def test_close_ends_the_heartbeat_before_the_next_brain_comes(rig: RobotRig) -> None:
     with brain(heartbeat=True) as robot:
         assert "lithe-heartbeat" in [thread.name for thread in threading.enumerate()]
         robot.close()

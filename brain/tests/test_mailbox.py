@@ -14,13 +14,13 @@ import pytest
 from lithe import mailbox
 from lithe._wire import CommandKind, CommandResult, Mode
 from segments import Writer, own_prefix, remove
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 
 LAWS = ROOT / "laws"
 
 
 @pytest.fixture(scope="module")
-def house() -> Iterator[House]:
+def rig() -> Iterator[RobotRig]:
     """A robot with two laws, whose supervisor is gone; what it left in shared memory is all there is."""
     with calm.calm_robot() as running:
         with calm.connected() as robot:
@@ -48,7 +48,7 @@ def untried(robot: lithe.Robot) -> None:
 
 
 @pytest.fixture
-def robot(house: House) -> Iterator[lithe.Robot]:
+def robot(rig: RobotRig) -> Iterator[lithe.Robot]:
     with calm.connected() as robot:  # without a name: it is found by its Spine
         if mode(robot) != Mode.active:
             robot.arm()
@@ -153,10 +153,10 @@ def test_a_connection_that_only_looks_reads_and_sends_nothing(robot: lithe.Robot
 
 
 def test_a_supervisor_that_lives_elsewhere_is_not_passed_by(
-    house: House, robot: lithe.Robot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    rig: RobotRig, robot: lithe.Robot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    house.socket.unlink()  # a killed supervisor leaves its file
-    house.run()
+    rig.socket.unlink()  # a killed supervisor leaves its file
+    rig.run()
     assert "via" not in robot.hold(), "the supervisor that adopted the Spine answers"
     assert "via" not in robot.arm()
     monkeypatch.setenv("LITHE_RUN_DIR", str(tmp_path))

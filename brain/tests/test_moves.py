@@ -15,7 +15,7 @@ from lithe.demo.sources import Gains
 from lithe.gateway import references
 from lithe.gateway.client import MOST_REQUEST_BYTES
 from lithe.identify import Arm, Motion
-from system.house import ROOT
+from system.robot_rig import ROOT
 
 LIMITS = ("position_min_rad", "position_max_rad", "velocity_max_rad_s")
 

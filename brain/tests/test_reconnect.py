@@ -13,25 +13,25 @@ import lithe
 import numpy as np
 import pytest
 from lithe.control import connect_control
-from system.house import House
+from system.robot_rig import RobotRig
 
 
 @pytest.fixture(scope="module")
-def house() -> Iterator[House]:
+def rig() -> Iterator[RobotRig]:
     """A robot of its own: here it is killed and started anew."""
     with calm.calm_robot() as running:
         yield running
 
 
 @pytest.fixture
-def brain(house: House) -> Iterator[lithe.Robot]:
+def brain(rig: RobotRig) -> Iterator[lithe.Robot]:
     with calm.connected() as robot:
         yield robot
 
 
-def run_again(house: House) -> None:
-    house.run()
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+def run_again(rig: RobotRig) -> None:
+    rig.run()
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
 
 
 def setpoint_rad(robot: lithe.Robot) -> float:
@@ -40,29 +40,29 @@ def setpoint_rad(robot: lithe.Robot) -> float:
     return float(record["setpoint_position_rad"][0])
 
 
-def test_verbs_find_a_new_supervisor_and_plans_never_needed_one(house: House, brain: lithe.Robot) -> None:
+def test_verbs_find_a_new_supervisor_and_plans_never_needed_one(rig: RobotRig, brain: lithe.Robot) -> None:
     assert brain.status()["adopted"] is False
-    house.started[-1].kill()
-    house.started[-1].wait()
+    rig.started[-1].kill()
+    rig.started[-1].wait()
     with pytest.raises(lithe.NotRunning, match=r"'arm' has no supervisor[\s\S]*lithe run ROBOT.toml adopts it"):
         brain.status()
     with pytest.raises(lithe.NotRunning, match=r"'arm' has no supervisor[\s\S]*takes it over"):
         connect_control("arm")
     brain.go_to([0.3], in_s=0.3)
-    house.wait_for(lambda: abs(setpoint_rad(brain) - 0.3) < 1e-3)
-    house.socket.unlink()
-    run_again(house)
+    rig.wait_for(lambda: abs(setpoint_rad(brain) - 0.3) < 1e-3)
+    rig.socket.unlink()
+    run_again(rig)
     assert brain.status()["adopted"] is True
     assert brain.attached
 
 
-def test_a_robot_started_anew_is_told_apart_from_the_one_before(house: House, brain: lithe.Robot) -> None:
+def test_a_robot_started_anew_is_told_apart_from_the_one_before(rig: RobotRig, brain: lithe.Robot) -> None:
     brain.telemetry.drain()
-    house.wait_for(lambda: int(brain.status()["tick"]) > 1000)
+    rig.wait_for(lambda: int(brain.status()["tick"]) > 1000)
     last = brain.telemetry.latest()
     assert last is not None
     brain.call("shutdown")
-    house.started[-1].wait(60)
+    rig.started[-1].wait(60)
 
     assert not brain.attached
     left = brain.telemetry.drain()
@@ -76,14 +76,14 @@ def test_a_robot_started_anew_is_told_apart_from_the_one_before(house: House, br
         brain.reconnect()
     brain.beat()  # a heartbeat into the void harms nobody
 
-    run_again(house)
+    run_again(rig)
     with pytest.raises(lithe.NotRunning, match=r"robot\.reconnect\(\)"):
         brain.go_to([0.0], in_s=1.0)
     assert brain.status()["mode"] == "active", "verbs need no reconnect()"
     brain.reconnect()
     brain.reconnect()
     plan = brain.go_to([0.2], in_s=0.3)
-    house.wait_for(lambda: abs(setpoint_rad(brain) - 0.2) < 1e-3)
+    rig.wait_for(lambda: abs(setpoint_rad(brain) - 0.2) < 1e-3)
     records, lost = brain.telemetry.since(int(last["tick"]) + 10**9)
     assert records["tick"][-1] < 10**9 and lost >= 0
     assert plan in records["plan_id"]
@@ -95,23 +95,23 @@ def test_a_robot_started_anew_is_told_apart_from_the_one_before(house: House, br
         newest = brain.telemetry.latest()
         return newest is not None and 0 <= int(newest["brain_age_ns"]) < 2e9
 
-    house.wait_for(beats)  # the heartbeat came along: only a new one makes the age less
+    rig.wait_for(beats)  # the heartbeat came along: only a new one makes the age less
 
 
-def test_an_estop_stops_the_robot_that_runs_now(house: House, brain: lithe.Robot) -> None:
+def test_an_estop_stops_the_robot_that_runs_now(rig: RobotRig, brain: lithe.Robot) -> None:
     brain.call("shutdown")
-    house.started[-1].wait(60)
-    run_again(house)
+    rig.started[-1].wait(60)
+    run_again(rig)
     assert not brain.attached
     assert brain.estop(within_s=10)["mode"] == "estop"
     assert brain.status()["mode"] == "estop"
     assert brain.reset()["mode"] == "disarmed"
 
 
-def test_a_place_taken_by_another_brain_is_not_taken_back(house: House, brain: lithe.Robot) -> None:
+def test_a_place_taken_by_another_brain_is_not_taken_back(rig: RobotRig, brain: lithe.Robot) -> None:
     brain.call("shutdown")
-    house.started[-1].wait(60)
-    run_again(house)
+    rig.started[-1].wait(60)
+    run_again(rig)
     brain._leave_the_brain()  # as when this process had been suspended through it all, and lost its lease
     with calm.connected() as other:
         with pytest.raises(lithe.ShmError, match="already has a Brain"):
@@ -122,10 +122,10 @@ def test_a_place_taken_by_another_brain_is_not_taken_back(house: House, brain: l
     assert brain.attached and np.isfinite(setpoint_rad(brain))
 
 
-def test_the_gateways_own_process_goes_on_with_the_new_robot(house: House) -> None:
-    token_file = house.dir / "token"
+def test_the_gateways_own_process_goes_on_with_the_new_robot(rig: RobotRig) -> None:
+    token_file = rig.dir / "token"
     command = [sys.executable, "-m", "lithe.gateway", "--port", "0", "--token-file", str(token_file)]
-    env = house.env | {"PYTHONPATH": str(Path(lithe.__file__).parents[1])}
+    env = rig.env | {"PYTHONPATH": str(Path(lithe.__file__).parents[1])}
     with subprocess.Popen(command, stdout=-1, env=env, text=True) as gateway:
         try:
             assert gateway.stdout is not None
@@ -135,14 +135,14 @@ def test_the_gateways_own_process_goes_on_with_the_new_robot(house: House) -> No
             with lithe.Remote("127.0.0.1", port, token_file) as remote:
                 assert remote.call("describe")["robot"] == "arm"
                 remote.call("shutdown")
-                house.started[-1].wait(60)
+                rig.started[-1].wait(60)
                 with pytest.raises(lithe.Refused) as caught:
                     remote.call("describe")
                 assert caught.value.code == "disconnected"
                 with pytest.raises(lithe.Refused) as caught:
                     remote.call("status")
                 assert caught.value.code == "disconnected"
-                run_again(house)
+                run_again(rig)
 
                 def plan_taken() -> bool:
                     try:
@@ -152,9 +152,9 @@ def test_the_gateways_own_process_goes_on_with_the_new_robot(house: House) -> No
                         return False
                     return True
 
-                house.wait_for(plan_taken)
+                rig.wait_for(plan_taken)
                 time.sleep(2.5)  # longer than the calm robot waits for a sign of life
-                house.wait_for(lambda: 0 <= remote.call("latest", fields=["brain_age_ns"])["brain_age_ns"] < 2e9)
+                rig.wait_for(lambda: 0 <= remote.call("latest", fields=["brain_age_ns"])["brain_age_ns"] < 2e9)
         finally:
             gateway.send_signal(signal.SIGINT)
             assert gateway.wait(30) == 0

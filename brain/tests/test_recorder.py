@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import synthetic
 from lithe.demo import recorder
-from system.house import House
+from system.robot_rig import RobotRig
 
 
 def test_every_tick_is_recorded_while_the_brain_does_what_it_likes(robot: lithe.Robot) -> None:
     recording = recorder.Recorder(robot.name)
     from_tick = int(robot.status()["tick"])
-    House.wait_for(lambda: int(robot.status()["tick"]) > from_tick + 1000)
+    RobotRig.wait_for(lambda: int(robot.status()["tick"]) > from_tick + 1000)
     ticks = recording.finish()["tick"].astype(np.int64)
     assert recording.lost == 0 and len(ticks) > 1000
     assert np.array_equal(ticks, np.arange(ticks[0], ticks[0] + len(ticks)))

@@ -11,7 +11,7 @@ import pytest
 from lithe._wire import CommandResult, StageResult
 from lithe.gateway import FIRST
 from lithe.vocabulary import BY_NAME
-from system.house import ROOT
+from system.robot_rig import ROOT
 
 REFERENCE = ROOT / "docs" / "reference"
 ROOMS = ("spine", "supervisor", "lawd", "bench", "brain", "tools")

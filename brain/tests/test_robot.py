@@ -11,7 +11,7 @@ import lithe
 import numpy as np
 import pytest
 from lithe._wire import PlanState
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 
 LAWS = ROOT / "laws"
 
@@ -32,10 +32,10 @@ def follow(robot: lithe.Robot, angle_rad: float, near_rad: float = 0.05) -> None
         seen.append(abs(angle_of(robot) - angle_rad) < near_rad)
         return len(seen) > 20 and all(seen[-20:])
 
-    House.wait_for(stays)
+    RobotRig.wait_for(stays)
 
 
-def test_connect_pins_the_brain_to_its_core(robot: lithe.Robot, house: House) -> None:
+def test_connect_pins_the_brain_to_its_core(robot: lithe.Robot, rig: RobotRig) -> None:
     cores = os.sched_getaffinity(0)
     robot.close()
     try:
@@ -89,7 +89,7 @@ def test_since_gives_all_that_came_after_a_tick_and_counts_what_is_gone(robot: l
     records, lost = robot.telemetry.since(int(newest["tick"]))
     assert records["tick"][0] == newest["tick"] + 1 and lost == 0
     assert np.array_equal(np.diff(records["tick"].astype(np.int64)), np.ones(len(records) - 1))
-    House.wait_for(lambda: int(robot.status()["tick"]) > 4096 + 100)
+    RobotRig.wait_for(lambda: int(robot.status()["tick"]) > 4096 + 100)
     records, lost = robot.telemetry.since(50)
     assert lost > 0 and 50 + lost + len(records) == int(records["tick"][-1])
     all_of_it, lost = robot.telemetry.since(-5)
@@ -108,7 +108,7 @@ def test_threads_may_publish_at_once_and_ids_tell_the_order(robot: lithe.Robot) 
     for thread in threads:
         thread.join()
     assert len(set(ids)) == 200
-    House.wait_for(lambda: int(robot.telemetry.history(0.1)["plan_id"][-1]) == max(ids))
+    RobotRig.wait_for(lambda: int(robot.telemetry.history(0.1)["plan_id"][-1]) == max(ids))
 
 
 def test_a_plan_moves_the_arm(robot: lithe.Robot) -> None:
@@ -126,8 +126,8 @@ def test_a_horizon_of_waypoints_is_tracked_and_then_coasts_to_a_hold(robot: lith
         record = robot.telemetry.latest()
         return record is not None and (int(record["plan_id"]), int(record["plan_state"])) == (plan_id, state)
 
-    House.wait_for(lambda: is_in(PlanState.track))
-    House.wait_for(lambda: is_in(PlanState.hold))
+    RobotRig.wait_for(lambda: is_in(PlanState.track))
+    RobotRig.wait_for(lambda: is_in(PlanState.hold))
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_a_bad_plan_is_refused_and_the_old_one_kept(
     robot: lithe.Robot, times_s: list[float], angles: list[float]
 ) -> None:
     good = robot.go_to([0.2], in_s=1.0)
-    House.wait_for(lambda: int(robot.telemetry.history(0.1)["plan_id"][-1]) == good)
+    RobotRig.wait_for(lambda: int(robot.telemetry.history(0.1)["plan_id"][-1]) == good)
     cursor = int(robot.events()["cursor"])
     robot.publish(time.monotonic_ns() + np.array(times_s) * 1e9, angles)
     kinds: list[str] = []
@@ -221,6 +221,6 @@ def test_estop_acts_through_shared_memory_and_reset_lifts_it(robot: lithe.Robot)
     robot.arm()
 
 
-def test_an_unknown_robot_is_named(house: House) -> None:
+def test_an_unknown_robot_is_named(rig: RobotRig) -> None:
     with pytest.raises(lithe.NotRunning, match="leg"):
         lithe.connect("leg")

@@ -12,7 +12,7 @@ from lithe.remote import Remote
 from lithe.shm import SpineView
 from lithe.state import NUMBERS
 from segments import Writer, own_prefix, remove
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 
 LAWS = ROOT / "laws"
 KINDS = [kind for kind in StateKind if kind != StateKind.none]
@@ -46,24 +46,24 @@ LITHE_LAW(Remembers, "remembers");
 
 def test_the_state_of_the_running_law_is_read_by_name_and_grows(robot: lithe.Robot, remote: Remote) -> None:
     robot.swap(PD_THAT_REMEMBERS, name="remembers.cpp")
-    House.wait_for(lambda: robot.state().get("steps", 0) > 0)
+    RobotRig.wait_for(lambda: robot.state().get("steps", 0) > 0)
     first = robot.state()
     assert list(first) == ["steps", "moved", "share", "kept", "last_ns"]
     assert (first["moved"], first["share"]) == (False, 0.25)
     assert first["kept"].tolist() == [0.5, 1.5, 2.5]
     assert 0 < first["last_ns"] <= time.monotonic_ns()
-    House.wait_for(lambda: robot.state()["steps"] > first["steps"])
+    RobotRig.wait_for(lambda: robot.state()["steps"] > first["steps"])
     assert remote.call("state")["kept"] == [0.5, 1.5, 2.5], "over TCP, too"
 
 
 def test_the_state_follows_a_swap_and_a_rollback(robot: lithe.Robot) -> None:
     robot.swap(LAWS / "hold.cpp")
-    House.wait_for(lambda: "holding" in robot.state())
+    RobotRig.wait_for(lambda: "holding" in robot.state())
     assert robot.state()["hold_position_rad"].shape == (32,)
     robot.swap(LAWS / "pd.cpp")
-    House.wait_for(lambda: robot.state() == {})
+    RobotRig.wait_for(lambda: robot.state() == {})
     robot.rollback()
-    House.wait_for(lambda: "holding" in robot.state())
+    RobotRig.wait_for(lambda: "holding" in robot.state())
 
 
 def test_a_robot_that_has_ended_is_told(robot: lithe.Robot, monkeypatch: pytest.MonkeyPatch) -> None:

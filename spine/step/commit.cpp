@@ -105,7 +105,7 @@ void Laws::step_shadow(Host& host) LITHE_RT {
   const Run ran = run(*shadow_.law(), shadow_.effort, host);
   if (ran.failure) {
     shadow_.fail();
-    const Words why = in_words(ran);
+    const EventText why = in_words(ran);
     return end_shadow(Shadow::Opinion::refuse, why.text());
   }
   const std::int64_t took_ns = host.now_ns() - from_ns;

@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from system.house import BIN, need
+from system.robot_rig import BIN, need
 
 ROOT = Path(__file__).parents[2]
 SHARES = ("grid_whole_late", "grid_moved_late", "nice_alone_skipped", "nice_ordinary_skipped", "stolen", "preempted")

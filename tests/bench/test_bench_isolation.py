@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from system.house import need
+from system.robot_rig import need
 
 ROOT = Path(__file__).parents[2]
 NAMES = ["stress", "idle"]

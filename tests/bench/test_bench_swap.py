@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pytest
 from lithe.demo.evidence import Evidence
 from lithe.demo.losses import Releases
-from system.house import need
+from system.robot_rig import need
 
 ROOT = Path(__file__).parents[2]
 MS = 1_000_000

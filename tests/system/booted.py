@@ -4,7 +4,7 @@
 from pathlib import Path
 
 import pytest
-from system.house import BIN
+from system.robot_rig import BIN
 from vm import machine, vcan
 
 

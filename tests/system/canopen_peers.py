@@ -7,8 +7,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from system.canopen_house import wait_for
-from system.house import BIN, need
+from system.canopen_rig import wait_for
+from system.robot_rig import BIN, need
 
 NODE = 5
 ROBOT = """

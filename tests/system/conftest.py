@@ -5,21 +5,21 @@ from collections.abc import Iterator
 
 import pytest
 from calm import calm_text
-from system.house import House
+from system.robot_rig import RobotRig
 
 
 @pytest.fixture
-def house() -> Iterator[House]:
+def rig() -> Iterator[RobotRig]:
     """A place for one robot that does not mind a busy machine; nothing runs yet."""
-    with House() as place:
+    with RobotRig() as place:
         place.config = place.dir / "arm.toml"
         place.config.write_text(calm_text())
         yield place
 
 
 @pytest.fixture
-def arm(house: House) -> House:
+def arm(rig: RobotRig) -> RobotRig:
     """The same, armed."""
-    house.run()
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
-    return house
+    rig.run()
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
+    return rig

@@ -13,7 +13,7 @@ import calm
 import lithe
 import pytest
 from calm import connected
-from system.house import BIN, House, need
+from system.robot_rig import BIN, RobotRig, need
 
 REFUSED = 2  # exit code of `lithe run` on a file that it does not take
 PATIENT = "lost_after_misses = 2000\n"  # a simulated device is a process among others here
@@ -113,18 +113,18 @@ def at_terminals(folder: Path) -> Iterator[tuple[str, Simulated]]:
 @contextlib.contextmanager
 def running(
     text: str, monkeypatch: pytest.MonkeyPatch, excuse: str | None = None
-) -> Iterator[tuple[House, lithe.Robot]]:
+) -> Iterator[tuple[RobotRig, lithe.Robot]]:
     """A robot of that file, armed, and this process its Brain. Skipped where its file is refused with this excuse."""
-    with House() as house:
-        house.config = house.dir / "arm.toml"
-        house.config.write_text(text, encoding="utf-8")
+    with RobotRig() as rig:
+        rig.config = rig.dir / "arm.toml"
+        rig.config.write_text(text, encoding="utf-8")
         for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX", "LITHE_OUT_DIR"):
-            monkeypatch.setenv(key, house.env[key])
-        process = house.run(wait=excuse is None)
-        house.wait_for(lambda: house.socket.exists() or process.poll() is not None)
-        if process.poll() == REFUSED and excuse is not None and excuse in house.log():
-            pytest.skip(house.log().strip().splitlines()[-1])
-        assert process.poll() is None, house.log()
-        house.wait_for(lambda: house.ask("status")["mode"] == "active")
+            monkeypatch.setenv(key, rig.env[key])
+        process = rig.run(wait=excuse is None)
+        rig.wait_for(lambda: rig.socket.exists() or process.poll() is not None)
+        if process.poll() == REFUSED and excuse is not None and excuse in rig.log():
+            pytest.skip(rig.log().strip().splitlines()[-1])
+        assert process.poll() is None, rig.log()
+        rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
         with connected() as robot:
-            yield house, robot
+            yield rig, robot

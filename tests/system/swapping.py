@@ -12,51 +12,51 @@ from pathlib import Path
 from typing import Any
 
 from calm import connected
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 
 
-def folder(house: House) -> Path:
+def folder(rig: RobotRig) -> Path:
     """Where the certificates are."""
-    return house.dir / "out" / "arm" / "swaps"
+    return rig.dir / "out" / "arm" / "swaps"
 
 
-def certificates(house: House) -> list[dict[str, Any]]:
+def certificates(rig: RobotRig) -> list[dict[str, Any]]:
     """All of them, oldest first."""
-    return [json.loads(path.read_text()) for path in sorted(folder(house).glob("*.json"))]
+    return [json.loads(path.read_text()) for path in sorted(folder(rig).glob("*.json"))]
 
 
-def certificate(house: House, request_id: int) -> dict[str, Any]:
+def certificate(rig: RobotRig, request_id: int) -> dict[str, Any]:
     """One of them."""
-    return next(each for each in certificates(house) if each["request_id"] == request_id)
+    return next(each for each in certificates(rig) if each["request_id"] == request_id)
 
 
-def becomes(house: House, request_id: int, done: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+def becomes(rig: RobotRig, request_id: int, done: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
     """Waits until a certificate says so; the certificate."""
-    house.wait_for(lambda: done(certificate(house, request_id)))
-    return certificate(house, request_id)
+    rig.wait_for(lambda: done(certificate(rig, request_id)))
+    return certificate(rig, request_id)
 
 
-def law(house: House) -> str:
+def law(rig: RobotRig) -> str:
     """What runs."""
-    return str(house.ask("status")["law"])
+    return str(rig.ask("status")["law"])
 
 
-def assert_chained(house: House) -> None:
+def assert_chained(rig: RobotRig) -> None:
     """The chain, read by other eyes than the ones that wrote it."""
-    lines = (folder(house) / "chain.jsonl").read_bytes().splitlines()
+    lines = (folder(rig) / "chain.jsonl").read_bytes().splitlines()
     before, last = "", {}
     for line in lines:
         entry = json.loads(line)
         assert entry["previous"] == before
         before = hashlib.sha256(line).hexdigest()
         last[entry["file"]] = entry["sha256"]
-    files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder(house).glob("*.json")}
+    files = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder(rig).glob("*.json")}
     assert files == last
 
 
-def sway(house: House, seconds: float = 2.0) -> None:
+def sway(rig: RobotRig, seconds: float = 2.0) -> None:
     """The robot moves: what is judged in motion only can be judged."""
-    os.environ.update({key: value for key, value in house.env.items() if key.startswith("LITHE_")})
+    os.environ.update({key: value for key, value in rig.env.items() if key.startswith("LITHE_")})
     with connected() as robot:
         for side in (0.3, -0.3, 0.0):
             robot.go_to([side], seconds / 3)  # the arm has one joint
@@ -66,11 +66,11 @@ def sway(house: House, seconds: float = 2.0) -> None:
 class Asks:
     """Requests in a thread of their own; their answers later."""
 
-    def __init__(self, house: House, requests: list[dict[str, Any]]) -> None:
+    def __init__(self, rig: RobotRig, requests: list[dict[str, Any]]) -> None:
         """Send them all at once, over one connection."""
         self.answers: list[dict[str, Any]] = []
         self.link = socket.socket(socket.AF_UNIX)
-        self.link.connect(str(house.socket))
+        self.link.connect(str(rig.socket))
         self.link.settimeout(300)
         self.link.sendall(b"".join(json.dumps({"id": i, **each}).encode() + b"\n" for i, each in enumerate(requests)))
         self.thread = threading.Thread(target=self._read, args=(len(requests),))

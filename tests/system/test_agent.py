@@ -38,7 +38,7 @@ SCRIPT: list[Any] = [
 
 
 def test_the_agent_meets_every_failure_and_keeps_the_best_law(tmp_path: Path) -> None:
-    with calm_robot() as house, ModelServer(SCRIPT) as server, connected() as robot:
+    with calm_robot() as rig, ModelServer(SCRIPT) as server, connected() as robot:
         robot.call("swap", source=WEAK, name="weak.cpp", probation_s=0.0)
         gateway = Gateway(robot, token="sesame")
         gateway.start()
@@ -50,7 +50,7 @@ def test_the_agent_meets_every_failure_and_keeps_the_best_law(tmp_path: Path) ->
         ]  # fmt: skip
         done = subprocess.run(
             [sys.executable, "-m", "lithe.agent", *map(str, words)],
-            check=False, env=house.env, capture_output=True, text=True, timeout=500,
+            check=False, env=rig.env, capture_output=True, text=True, timeout=500,
         )  # fmt: skip
         gateway.close()
         status = robot.call("status")

@@ -9,26 +9,26 @@ from typing import Any
 
 import pytest
 from calm import calm_text
-from system.house import ROOT, House, alive
+from system.robot_rig import ROOT, RobotRig, alive
 
 LAWS = [ROOT / f"laws/{name}.cpp" for name in ("hold", "pd", "gravity_pd")]
 SLOTS = 16
 
 
-def need_arena(house: House) -> dict[str, Any]:
+def need_arena(rig: RobotRig) -> dict[str, Any]:
     """The status of a robot whose laws are placed, or the test is skipped with the reason."""
-    status: dict[str, Any] = house.ask("status")
+    status: dict[str, Any] = rig.ask("status")
     if status["loader"] != "arena":
         pytest.skip(f"no privilege to map code from memory here: {status['lost']}")
     return status
 
 
-def swap(house: House, number: int) -> dict[str, Any]:
+def swap(rig: RobotRig, number: int) -> dict[str, Any]:
     """One swap, and what is resident afterwards: the active law has a slot that is its own."""
     law = LAWS[number % len(LAWS)]
-    done = house.ask("swap", law)
+    done = rig.ask("swap", law)
     assert done["verdict"] == "committed" and done["law"] == law.stem
-    resident = house.ask("law", "list")["resident"]
+    resident = rig.ask("law", "list")["resident"]
     slots = [each["slot"] for each in resident if each["slot"] is not None]
     assert len(set(slots)) == len(slots), resident
     active: list[dict[str, Any]] = [each for each in resident if each["active"]]
@@ -47,82 +47,82 @@ def resident_kib(pid: int) -> int:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") // 1024
 
 
-def test_swaps_reuse_the_slots_and_leave_the_spines_memory_as_it_was(house: House) -> None:
+def test_swaps_reuse_the_slots_and_leave_the_spines_memory_as_it_was(rig: RobotRig) -> None:
     """40 swaps through 16 slots: the same map, read+execute only, and no more memory than before."""
-    house.run()
-    pid = need_arena(house)["spine_pid"]
-    slots = [swap(house, number)["slot"] for number in range(8)]
+    rig.run()
+    pid = need_arena(rig)["spine_pid"]
+    slots = [swap(rig, number)["slot"] for number in range(8)]
     maps_before = Path(f"/proc/{pid}/maps").read_text()
     before_kib = resident_kib(pid)
-    slots += [swap(house, number)["slot"] for number in range(8, 40)]
+    slots += [swap(rig, number)["slot"] for number in range(8, 40)]
     assert set(slots) == set(range(1, SLOTS + 1)), "every slot had its turn, most of them more than once"
     assert Path(f"/proc/{pid}/maps").read_text() == maps_before, "a swap maps nothing"
     assert resident_kib(pid) - before_kib <= 64
     (line,) = code_maps(pid)
     assert line.split()[1] == "r-xs", "a law must not be able to write code"
-    assert house.ask("rollback")["law"] == LAWS[38 % len(LAWS)].stem
-    assert house.ask("status")["mode"] == "active"
+    assert rig.ask("rollback")["law"] == LAWS[38 % len(LAWS)].stem
+    assert rig.ask("status")["mode"] == "active"
 
 
-def test_a_new_supervisor_goes_on_with_the_arena_it_finds(house: House) -> None:
+def test_a_new_supervisor_goes_on_with_the_arena_it_finds(rig: RobotRig) -> None:
     """The Spine outlives its supervisor; the next one writes into the same slots, but not into those in use."""
-    first = house.run()
-    pid = need_arena(house)["spine_pid"]
+    first = rig.run()
+    pid = need_arena(rig)["spine_pid"]
     for number in range(6):
-        swap(house, number)
+        swap(rig, number)
     os.kill(first.pid, signal.SIGKILL)
     first.wait()
     assert alive(pid)
-    house.socket.unlink(missing_ok=True)
-    house.run()
-    assert need_arena(house)["spine_pid"] == pid
+    rig.socket.unlink(missing_ok=True)
+    rig.run()
+    assert need_arena(rig)["spine_pid"] == pid
     for number in range(20):
-        swap(house, number)
+        swap(rig, number)
     assert len(code_maps(pid)) == 1
 
 
-def test_a_new_compile_service_goes_on_with_the_same_arena(house: House) -> None:
+def test_a_new_compile_service_goes_on_with_the_same_arena(rig: RobotRig) -> None:
     """lawd dies, another one is started, and places into the slots that are free."""
-    house.run()
-    status = need_arena(house)
-    swap(house, 0)
+    rig.run()
+    status = need_arena(rig)
+    swap(rig, 0)
     os.kill(status["lawd_pid"], signal.SIGKILL)
-    house.wait_for(lambda: house.ask("status")["lawd_pid"] not in (0, status["lawd_pid"]))
-    assert swap(house, 1)["slot"] is not None
-    assert swap(house, 2)["slot"] is not None
+    rig.wait_for(lambda: rig.ask("status")["lawd_pid"] not in (0, status["lawd_pid"]))
+    assert swap(rig, 1)["slot"] is not None
+    assert swap(rig, 2)["slot"] is not None
 
 
-def test_dlopen_is_a_word_in_the_robot_file(house: House) -> None:
+def test_dlopen_is_a_word_in_the_robot_file(rig: RobotRig) -> None:
     """The portable back end, chosen."""
-    house.config.write_text(calm_text().replace('loader = "arena" ', 'loader = "dlopen"'))
-    house.run()
-    status = house.ask("status")
+    rig.config.write_text(calm_text().replace('loader = "arena" ', 'loader = "dlopen"'))
+    rig.run()
+    status = rig.ask("status")
     assert status["loader"] == "dlopen" and "dlopen" not in status["lost"]
-    assert [swap(house, number)["slot"] is None for number in range(3)] == [True] * 3
+    assert [swap(rig, number)["slot"] is None for number in range(3)] == [True] * 3
     assert all("memfd" not in line for line in code_maps(status["spine_pid"]))
 
 
-def test_without_memfd_laws_are_loaded_with_dlopen_and_the_notes_say_so(house: House) -> None:
+def test_without_memfd_laws_are_loaded_with_dlopen_and_the_notes_say_so(rig: RobotRig) -> None:
     """A system that refuses the arena costs interrupts, not the robot."""
-    house.wrapper = [sys.executable, str(Path(__file__).with_name("without_call.py")), "memfd"]
-    house.run(wait=False)
-    house.wait_for(lambda: house.socket.exists() or house.started[0].poll() is not None, 90)
-    if "no seccomp filters" in house.log():
-        pytest.skip(f"no privilege to install a filter: {house.log()}")
-    status = house.ask("status")
+    rig.wrapper = [sys.executable, str(Path(__file__).with_name("without_call.py")), "memfd"]
+    rig.run(wait=False)
+    rig.wait_for(lambda: rig.socket.exists() or rig.started[0].poll() is not None, 90)
+    if "no seccomp filters" in rig.log():
+        pytest.skip(f"no privilege to install a filter: {rig.log()}")
+    status = rig.ask("status")
     assert status["loader"] == "dlopen"
     assert "laws are loaded with dlopen" in status["lost"]
-    assert "cannot make the code arena" in house.log()
-    assert [house.ask("swap", law)["law"] for law in LAWS] == ["hold", "pd", "gravity_pd"]
+    assert "cannot make the code arena" in rig.log()
+    assert [rig.ask("swap", law)["law"] for law in LAWS] == ["hold", "pd", "gravity_pd"]
 
 
-def test_a_gate_that_the_kernel_lacks_is_told_in_status(house: House) -> None:
+def test_a_gate_that_the_kernel_lacks_is_told_in_status(rig: RobotRig) -> None:
     """Without syscall user dispatch a law is kept from the kernel by less: the user must see that, not only a log."""
-    house.wrapper = [sys.executable, str(Path(__file__).with_name("without_call.py")), "dispatch"]
-    house.run(wait=False)
-    house.wait_for(lambda: house.socket.exists() or house.started[0].poll() is not None, 90)
-    if "no seccomp filters" in house.log():
-        pytest.skip(f"no privilege to install a filter: {house.log()}")
-    status = house.ask("status")
+    rig.wrapper = [sys.executable, str(Path(__file__).with_name("without_call.py")), "dispatch"]
+    rig.run(wait=False)
+    rig.wait_for(lambda: rig.socket.exists() or rig.started[0].poll() is not None, 90)
+    if "no seccomp filters" in rig.log():
+        pytest.skip(f"no privilege to install a filter: {rig.log()}")
+    status = rig.ask("status")
     assert "a law can make system calls" in status["lost"], status["lost"]
-    assert house.ask("swap", LAWS[0])["law"] == "hold"
+    assert rig.ask("swap", LAWS[0])["law"] == "hold"

@@ -24,7 +24,7 @@ from lithe.remote import Remote
 from lithe.shm import SpineView
 from model_server import ModelServer, fenced, law
 from slow_link import SlowLink
-from system.house import House
+from system.robot_rig import RobotRig
 
 pytestmark = pytest.mark.early
 
@@ -111,20 +111,20 @@ JUMP_RAD = 0.0005
 
 
 @contextlib.contextmanager
-def robot_behind(seed: int, cuts: dict[tuple[str, int], str]) -> Iterator[tuple[House, lithe.Robot, Gateway, SlowLink]]:
+def robot_behind(seed: int, cuts: dict[tuple[str, int], str]) -> Iterator[tuple[RobotRig, lithe.Robot, Gateway, SlowLink]]:
     """An arm with a bad law, its gateway, and a bad connection to that."""
-    with calm_robot() as house, connected() as robot:
+    with calm_robot() as rig, connected() as robot:
         robot.swap(WEAK, name="weak.cpp", probation_s=0.0)
         gateway = Gateway(robot, token="sesame")
         gateway.start()
         try:
             with SlowLink(gateway.port, seed, cuts) as link:
-                yield house, robot, gateway, link
+                yield rig, robot, gateway, link
         finally:
             gateway.close()
 
 
-def agent(house: House, link: SlowLink, url: str, out: Path, *words: str) -> subprocess.CompletedProcess[str]:
+def agent(rig: RobotRig, link: SlowLink, url: str, out: Path, *words: str) -> subprocess.CompletedProcess[str]:
     (out.parent / "token").write_text("sesame")
     command = [
         "--url", url, "--model", "coder", "--api", "openai", "--token-file", out.parent / "token", "--connect",
@@ -133,7 +133,7 @@ def agent(house: House, link: SlowLink, url: str, out: Path, *words: str) -> sub
     ]  # fmt: skip
     return subprocess.run(
         [sys.executable, "-m", "lithe.agent", *map(str, command)],
-        check=False, env=house.env, capture_output=True, text=True, timeout=300,
+        check=False, env=rig.env, capture_output=True, text=True, timeout=300,
     )  # fmt: skip
 
 
@@ -146,12 +146,12 @@ def certificates(robot: lithe.Robot) -> list[str]:
 @pytest.mark.long
 def test_the_best_law_runs_in_the_end_and_no_swap_is_sent_twice(tmp_path: Path, tell: Callable[[str], None]) -> None:
     with (
-        robot_behind(7, CUTS) as (house, robot, gateway, link),
+        robot_behind(7, CUTS) as (rig, robot, gateway, link),
         ModelServer([fenced(one) for one in SCRIPT]) as server,
     ):
         with Watch(gateway) as watch:
             began_s = time.monotonic()
-            done = agent(house, link, server.url, tmp_path / "out", "--rounds", str(len(SCRIPT)))
+            done = agent(rig, link, server.url, tmp_path / "out", "--rounds", str(len(SCRIPT)))
             took_s = time.monotonic() - began_s
             time.sleep(1.5)  # it comes to rest
         print(done.stdout[-8000:], done.stderr, link.cut)
@@ -176,16 +176,16 @@ def test_an_agent_that_is_cut_off_for_good_says_so_and_the_robot_rests(
     tmp_path: Path, tell: Callable[[str], None]
 ) -> None:
     with (
-        robot_behind(3, {("history", 2): "for_good"}) as (house, robot, gateway, link),
+        robot_behind(3, {("history", 2): "for_good"}) as (rig, robot, gateway, link),
         ModelServer([fenced(SCRIPT[0])]) as server,
     ):
         with Watch(gateway) as watch:
-            done = agent(house, link, server.url, tmp_path / "out", "--rounds", "4", "--reconnect", "3")
+            done = agent(rig, link, server.url, tmp_path / "out", "--rounds", "4", "--reconnect", "3")
             time.sleep(1.5)
         watch.check(robot, tell)
         with Remote("127.0.0.1", gateway.port, "sesame") as other:
             assert not other.call("reference")["streams"]
-            House.wait_for(lambda: other.call("lease")["holder"] is None, 30)
+            RobotRig.wait_for(lambda: other.call("lease")["holder"] is None, 30)
     assert done.returncode == 3, done.stdout + done.stderr
     assert "cannot be reached for 3 s" in done.stderr
     assert np.ptp(watch.seen["setpoint_position_rad"]) > 0.1, "it did move"
@@ -207,7 +207,7 @@ def test_a_reference_ends_at_rest_when_its_client_is_silent_and_goes_on_when_onl
                 assert told["since_ns"] == since_ns and told["asked"]["kind"] == "sine"
                 time.sleep(1.0)
             link.silent = True
-            House.wait_for(lambda: not gateway.references.told()["streams"], 30)
+            RobotRig.wait_for(lambda: not gateway.references.told()["streams"], 30)
             time.sleep(0.5)
         assert "silent" in gateway.references.told()["ended"]
         watch.check(robot, tell)

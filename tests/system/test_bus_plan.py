@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.house import BIN, ROOT, House, need
+from system.robot_rig import BIN, ROOT, RobotRig, need
 
 ROBOTS = ROOT / "robots"
 
@@ -66,9 +66,9 @@ def test_people_read_a_table() -> None:
     assert "command 48, answer 24" in done.stdout
 
 
-def test_a_run_is_refused_when_a_real_bus_would_need_more_than_all_its_time(house: House, tmp_path: Path) -> None:
-    house.config = crowded(tmp_path / "crowded.toml", 5)
-    process = house.run("--json", wait=False)
+def test_a_run_is_refused_when_a_real_bus_would_need_more_than_all_its_time(rig: RobotRig, tmp_path: Path) -> None:
+    rig.config = crowded(tmp_path / "crowded.toml", 5)
+    process = rig.run("--json", wait=False)
     assert process.wait(30) == 1
-    log = house.log()
+    log = rig.log()
     assert "125 % busy at 1000 Hz" in log and "lithe bus plan" in log and '"bus_overload"' in log

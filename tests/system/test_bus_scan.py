@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.house import BIN, ROOT, House, need
+from system.robot_rig import BIN, ROOT, RobotRig, need
 from system.simulated import Simulated
 
 ROBOTS = ROOT / "robots"
@@ -99,19 +99,19 @@ def test_a_bus_without_a_file_shows_what_is_there(tmp_path: Path) -> None:
     assert "-DLITHE_PI3HAT=ON" in scan(1, "pi3hat:1")["buses"][0]["trouble"]
 
 
-def test_beside_a_spine_nothing_is_asked(house: House, tmp_path: Path) -> None:
+def test_beside_a_spine_nothing_is_asked(rig: RobotRig, tmp_path: Path) -> None:
     folder = tmp_path / "wires"
-    house.config = on_wires("arm", folder, {"can0": "fdcanusb"})
-    with Simulated(house.config, folder) as served:
+    rig.config = on_wires("arm", folder, {"can0": "fdcanusb"})
+    with Simulated(rig.config, folder) as served:
         served.path()
-        house.run("--no-arm")
-        for what in (house.config, f"fdcanusb:{served.path().resolve()}"):
-            refused = scan(1, what, env=house.env)
+        rig.run("--no-arm")
+        for what in (rig.config, f"fdcanusb:{served.path().resolve()}"):
+            refused = scan(1, what, env=rig.env)
             assert refused["error"]["code"] == "robot_running"
             assert "robot 'arm' (bus 'can0')" in refused["error"]["message"]
-        house.ask("stop")
-        house.wait_for(lambda: house.started[0].poll() is not None)
-        assert scan(0, house.config, env=house.env)["matches"]
+        rig.ask("stop")
+        rig.wait_for(lambda: rig.started[0].poll() is not None)
+        assert scan(0, rig.config, env=rig.env)["matches"]
 
 
 def test_simulated_buses_have_nothing_to_find_and_wrong_words_exit_with_2(tmp_path: Path) -> None:

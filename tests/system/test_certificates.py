@@ -12,46 +12,44 @@ import pytest
 from calm import calm_text
 from lithe.certificates import verify
 from lithe.errors import LitheError
-from system.house import BIN, ROOT, House
+from system.robot_rig import BIN, ROOT, RobotRig
 from system.swapping import sway
 
 HOSTILE = ROOT / "tests/laws_hostile"
 
 
 @pytest.fixture(scope="module")
-def ended() -> Iterator[House]:
+def ended() -> Iterator[RobotRig]:
     """A robot that has run, has swapped (pd; gravity_pd, refused twice, gravity_pd again) and has ended."""
-    with House() as house:
-        house.config = house.dir / "arm.toml"
-        house.config.write_text(calm_text())
-        house.run()
-        house.wait_for(lambda: house.ask("status")["mode"] == "active")
-        done = house.ask("swap", "gravity_pd", "--probation", "200ms", "--blend", "10ms")
-        path = swaps(house) / "0002.json"
-        sway(house)
-        house.wait_for(
-            lambda: {"measured", "confirmed"} <= {*(told := json.loads(path.read_text())), *told["times_ns"]}
-        )
-        assert house.ask("law", "show")["request_id"] == done["request_id"]
-        house.ask("swap", HOSTILE / "global_counter.cpp", code=1)
-        house.ask("swap", HOSTILE / "negative_damping.cpp", code=1)
-        assert house.ask("law", "verify")["holds"], "while the robot runs"
-        house.ask("stop")
-        house.started[0].wait(60)
-        yield house
+    with RobotRig() as rig:
+        rig.config = rig.dir / "arm.toml"
+        rig.config.write_text(calm_text())
+        rig.run()
+        rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
+        done = rig.ask("swap", "gravity_pd", "--probation", "200ms", "--blend", "10ms")
+        path = swaps(rig) / "0002.json"
+        sway(rig)
+        rig.wait_for(lambda: {"measured", "confirmed"} <= {*(told := json.loads(path.read_text())), *told["times_ns"]})
+        assert rig.ask("law", "show")["request_id"] == done["request_id"]
+        rig.ask("swap", HOSTILE / "global_counter.cpp", code=1)
+        rig.ask("swap", HOSTILE / "negative_damping.cpp", code=1)
+        assert rig.ask("law", "verify")["holds"], "while the robot runs"
+        rig.ask("stop")
+        rig.started[0].wait(60)
+        yield rig
 
 
-def swaps(house: House) -> Path:
-    return house.dir / "out/arm/swaps"
+def swaps(rig: RobotRig) -> Path:
+    return rig.dir / "out/arm/swaps"
 
 
 @pytest.fixture
-def copy(ended: House, tmp_path: Path) -> Path:
+def copy(ended: RobotRig, tmp_path: Path) -> Path:
     """Its certificates, to be spoilt."""
     return Path(shutil.copytree(swaps(ended), tmp_path / "swaps"))
 
 
-def test_a_certificate_is_shown_with_all_that_the_swap_was(ended: House) -> None:
+def test_a_certificate_is_shown_with_all_that_the_swap_was(ended: RobotRig) -> None:
     """Without a robot: the files are enough."""
     shown = ended.lithe("law", "show", "gravity_pd").stdout
     told = json.loads((swaps(ended) / "0002.json").read_text())
@@ -70,20 +68,20 @@ def test_a_certificate_is_shown_with_all_that_the_swap_was(ended: House) -> None
     assert rows["blend"] == "10 ms" and rows["probation"] == "0.2 s: passed"
 
 
-def test_json_gives_the_file(ended: House) -> None:
+def test_json_gives_the_file(ended: RobotRig) -> None:
     """Byte for byte: what a program reads is what the chain covers."""
     for which, name in (("2", "0002.json"), ("gravity_pd.cpp", "0002.json"), ("last", "0004.json")):
         assert ended.lithe("--json", "law", "show", which).stdout == (swaps(ended) / name).read_text()
 
 
-def test_the_text_of_a_law_is_shown_as_it_was_sent(ended: House) -> None:
+def test_the_text_of_a_law_is_shown_as_it_was_sent(ended: RobotRig) -> None:
     text = (ROOT / "laws/gravity_pd.cpp").read_text()
     assert ended.lithe("law", "show", "gravity_pd", "--source").stdout == text
     shown = json.loads(ended.lithe("--json", "law", "show", "gravity_pd", "--source").stdout)
     assert shown == {"source": text}
 
 
-def test_a_refused_law_is_shown_with_its_reason(ended: House) -> None:
+def test_a_refused_law_is_shown_with_its_reason(ended: RobotRig) -> None:
     """At which stage, why, and what to do next."""
     shown = ended.lithe("law", "show", "global_counter").stdout
     assert "refused       after submitted, admission_failed: " in shown and "12 of 13 passed; memory: " in shown
@@ -91,7 +89,7 @@ def test_a_refused_law_is_shown_with_its_reason(ended: House) -> None:
     assert "trial         refused in " in shown and "next          " in shown
 
 
-def test_what_is_not_there_is_refused_with_a_way_on(ended: House, tmp_path: Path) -> None:
+def test_what_is_not_there_is_refused_with_a_way_on(ended: RobotRig, tmp_path: Path) -> None:
     """Nothing is shown, exit 1."""
     for words in (("show", "99"), ("show", "no_such_law"), ("verify", "--folder", str(tmp_path))):
         assert ended.ask("law", *words, code=1)["error"]["code"] == "no_certificates"
@@ -135,7 +133,7 @@ def reorder(folder: Path) -> str:
 
 
 @pytest.mark.parametrize("tamper", [change, remove, add, remove_line, reorder])
-def test_the_chain_tells_what_was_done_to_it(copy: Path, ended: House, tamper: Callable[[Path], str]) -> None:
+def test_the_chain_tells_what_was_done_to_it(copy: Path, ended: RobotRig, tamper: Callable[[Path], str]) -> None:
     """Exit 1, file and kind named; the same from Python."""
     whole = ended.ask("law", "verify", "--folder", copy)
     assert whole["holds"] and whole["certificates"] == 4 and whole["writings"] == len(lines_of(copy))
@@ -169,7 +167,7 @@ def test_the_bench_counts_no_certificate_that_was_tampered_with(copy: Path, monk
     assert count(copy, records)["certificates"] == 1
 
 
-def test_status_says_in_one_line_what_became_of_the_last_swap(arm: House) -> None:
+def test_status_says_in_one_line_what_became_of_the_last_swap(arm: RobotRig) -> None:
     """Also what happens to it later; who looks at status or top need not look for the certificate."""
 
     def line() -> str:

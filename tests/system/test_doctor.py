@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.house import BIN, ROOT, House, need
+from system.robot_rig import BIN, ROOT, RobotRig, need
 
 SCRIPT = Path(__file__).with_name("doctor_expected.sh")
 pytestmark = pytest.mark.alone  # the script is for a machine without a robot, and a measurement uses up a core
@@ -114,7 +114,7 @@ def test_beside_a_spine_it_reads_and_does_not_measure(tmp_path: Path) -> None:
     shutil.copy(shutil.which("sleep") or "/bin/sleep", program)
     with subprocess.Popen(["taskset", "-c", cpu, program, "100"]) as spine:
         try:
-            House.wait_for(lambda: Path(f"/proc/{spine.pid}/comm").read_text().strip() == program.name)
+            RobotRig.wait_for(lambda: Path(f"/proc/{spine.pid}/comm").read_text().strip() == program.name)
             told = states(read((), "--cpu", cpu))
             assert (told["spine_pinned"], told["memory_lock"]) == ("ok", "fail")
             command = [BIN / "lithe", "doctor", "--cpu", cpu, "--measure", "1"]
@@ -133,7 +133,7 @@ def test_two_spines_on_one_core_are_told_with_both_pids(tmp_path: Path) -> None:
     spines = [subprocess.Popen(["taskset", "-c", cpu, program, "100"]) for _ in range(2)]
     try:
         for each in spines:
-            House.wait_for(lambda pid=each.pid: Path(f"/proc/{pid}/comm").read_text().strip() == program.name)
+            RobotRig.wait_for(lambda pid=each.pid: Path(f"/proc/{pid}/comm").read_text().strip() == program.name)
         (item,) = [item for item in read((), "--cpu", cpu)["items"] if item["id"] == "spine_pinned"]
         assert item["state"] == "fail"
         assert all(str(each.pid) in item["words"] for each in spines), item["words"]

@@ -20,23 +20,23 @@ def test_a_drive_that_fails_is_named_and_comes_back_after_a_reset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: str, joint: str, fault: str, says: str
 ) -> None:
     """The robot stops, status tells whose drive says what, and arm is refused until the fault is over and reset."""
-    with at_terminals(tmp_path) as (text, sim), running(text, monkeypatch) as (house, _):
+    with at_terminals(tmp_path) as (text, sim), running(text, monkeypatch) as (rig, _):
         assert sim.order(fault=fault, device=device) == {"ok": True}
-        house.wait_for(lambda: house.ask("status")["mode"] == "safe_stop")
+        rig.wait_for(lambda: rig.ask("status")["mode"] == "safe_stop")
 
         def told() -> dict[str, Any]:
-            return {each["name"]: each for each in house.ask("status")["joints"]}
+            return {each["name"]: each for each in rig.ask("status")["joints"]}
 
-        house.wait_for(lambda: told()[joint]["drive"] == says)  # before that its own ramp stops the joint
+        rig.wait_for(lambda: told()[joint]["drive"] == says)  # before that its own ramp stops the joint
         assert (told()[joint]["drive_state"], told()["wrist"]["drive_voltage_v"]) == ("fault", 24.0)
         assert told()["boom"]["drive_temperature_degc"] is None, "the profile of its drive has no object for it"
-        assert (house.ask("status")["fault"], told()[joint]["fault"]) == ("drive_fault", "drive_fault")
-        house.wait_for(lambda: "fault" in told()[joint]["problems"])
+        assert (rig.ask("status")["fault"], told()[joint]["fault"]) == ("drive_fault", "drive_fault")
+        rig.wait_for(lambda: "fault" in told()[joint]["problems"])
         assert all(each["fault"] == "none" for name, each in told().items() if name != joint)
-        house.wait_for(lambda: f"(drive: {says})" in house.lithe("status").stdout)  # not in a tick without an answer
-        assert "drive_fault" in house.ask("arm", code=3)["error"]["message"]
+        rig.wait_for(lambda: f"(drive: {says})" in rig.lithe("status").stdout)  # not in a tick without an answer
+        assert "drive_fault" in rig.ask("arm", code=3)["error"]["message"]
         assert sim.order(fault="clear") == {"ok": True}
-        house.ask("reset")
-        house.wait_for(lambda: "fault" not in str([each["problems"] for each in house.ask("status")["joints"]]))
-        house.ask("arm")
-        house.wait_for(lambda: house.ask("status")["mode"] == "active")
+        rig.ask("reset")
+        rig.wait_for(lambda: "fault" not in str([each["problems"] for each in rig.ask("status")["joints"]]))
+        rig.ask("arm")
+        rig.wait_for(lambda: rig.ask("status")["mode"] == "active")

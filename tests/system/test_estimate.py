@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from lithe.demo.moves import PROBE_SHARES
 from lithe.identify import Arm, Motion, identify_arm
-from system.house import BIN, need
+from system.robot_rig import BIN, need
 
 SEEDS = 50
 LEAST_COVERED = 0.9  # of intervals that shall cover in 95 of 100: fewer happen by accident in 4 of 100 such tests

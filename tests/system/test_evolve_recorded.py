@@ -18,7 +18,7 @@ from lithe.demo.recorder import Recorder, joint_columns
 from lithe.evolve.evaluate import Candidate, compile_laws, evaluate
 from lithe.gateway.references import References
 from lithe.identify import describe, design_multisine
-from system.house import BIN, ROOT, need
+from system.robot_rig import BIN, ROOT, need
 from system.simulated import running
 
 pytestmark = pytest.mark.early

@@ -15,7 +15,7 @@ import pytest
 from calm import calm_robot, connected
 from lithe.demo import __main__ as demo
 from lithe.files import read_regular
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 from system.swapping import certificates, folder
 
 HOLD, PD = ROOT / "laws/hold.cpp", ROOT / "laws/pd.cpp"
@@ -34,27 +34,27 @@ def no_files(place: Path) -> dict[str, Path]:
     }
 
 
-def test_a_first_law_that_is_no_file_is_refused_with_the_reason(house: House) -> None:
+def test_a_first_law_that_is_no_file_is_refused_with_the_reason(rig: RobotRig) -> None:
     """It ended in "the supervisor itself went wrong", or read without end."""
-    for said, path in no_files(house.dir).items():
-        process = house.run("--law", str(path), wait=False)
-        assert process.wait(60) == 1, (path, house.log())
-        assert said in house.log() and "--law FILE" in house.log() and "went wrong" not in house.log()
-    assert house.segments() == []
+    for said, path in no_files(rig.dir).items():
+        process = rig.run("--law", str(path), wait=False)
+        assert process.wait(60) == 1, (path, rig.log())
+        assert said in rig.log() and "--law FILE" in rig.log() and "went wrong" not in rig.log()
+    assert rig.segments() == []
 
 
-def test_no_command_reads_without_end(house: House) -> None:
+def test_no_command_reads_without_end(rig: RobotRig) -> None:
     """Laws, robot files, certificates: whoever names them."""
-    for said, path in no_files(house.dir).items():
+    for said, path in no_files(rig.dir).items():
         for words in (("swap", path), ("law", "check", path), ("run", path), ("bus", "plan", path)):
-            done = house.lithe(*words)
+            done = rig.lithe(*words)
             assert done.returncode == 2 and said in done.stderr, (words, done)
-    swaps = house.dir / "swaps"
+    swaps = rig.dir / "swaps"
     swaps.mkdir()
     os.mkfifo(swaps / "0001.json")
     (swaps / "chain.jsonl").write_text("")
-    assert house.lithe("law", "show", "--folder", swaps).returncode == 1
-    assert house.lithe("law", "verify", "--folder", swaps).returncode == 1
+    assert rig.lithe("law", "show", "--folder", swaps).returncode == 1
+    assert rig.lithe("law", "verify", "--folder", swaps).returncode == 1
 
 
 def test_the_brain_reads_no_device_either(tmp_path: Path) -> None:
@@ -70,17 +70,17 @@ def test_the_brain_reads_no_device_either(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("blocks", [0, 1, 64, 4096])
-def test_a_start_under_a_limit_of_file_sizes_says_what_cannot_be_written(house: House, blocks: int) -> None:
+def test_a_start_under_a_limit_of_file_sizes_says_what_cannot_be_written(rig: RobotRig, blocks: int) -> None:
     """It died of SIGXFSZ without a word."""
-    house.wrapper = ["bash", "-c", f'set -o pipefail; (ulimit -f {blocks}; exec "$@" 2>&1) | cat', "bash"]
-    process = house.run(wait=False)
+    rig.wrapper = ["bash", "-c", f'set -o pipefail; (ulimit -f {blocks}; exec "$@" 2>&1) | cat', "bash"]
+    process = rig.run(wait=False)
     code = process.wait(60)
-    assert code in (1, 3), (code, house.log())
-    assert "large" in house.log() or "limit" in house.log(), house.log()
-    assert house.segments() == []
+    assert code in (1, 3), (code, rig.log())
+    assert "large" in rig.log() or "limit" in rig.log(), rig.log()
+    assert rig.segments() == []
 
 
-def test_a_limit_reached_while_the_robot_runs_costs_certificates_only_for_so_long(arm: House) -> None:
+def test_a_limit_reached_while_the_robot_runs_costs_certificates_only_for_so_long(arm: RobotRig) -> None:
     """The swap is done, `status` says what is missing, and it comes when there is room."""
     supervisor = arm.ask("status")["supervisor_pid"]
     resource.prlimit(supervisor, resource.RLIMIT_FSIZE, (200, resource.RLIM_INFINITY))
@@ -93,7 +93,7 @@ def test_a_limit_reached_while_the_robot_runs_costs_certificates_only_for_so_lon
     arm.wait_for(lambda: arm.ask("status")["records_trouble"] is None)
 
 
-def test_certificates_come_back_when_their_folder_was_removed(arm: House) -> None:
+def test_certificates_come_back_when_their_folder_was_removed(arm: RobotRig) -> None:
     """With a chain that holds, and `status` says that something is gone."""
     arm.ask("swap", HOLD)
     assert arm.ask("status")["records_trouble"] is None

@@ -6,12 +6,12 @@ import os
 from lithe import _wire
 from lithe.shim import shim
 from lithe.shm import BrainWriter, SpineView
-from system.house import House
+from system.robot_rig import RobotRig
 
 SOUND = {"plans_torn": 0, "brain_violations": 0, "control_violations": 0, "stage_violations": 0}
 
 
-def test_a_brain_that_breaks_the_protocol_is_seen_in_the_status(arm: House) -> None:
+def test_a_brain_that_breaks_the_protocol_is_seen_in_the_status(arm: RobotRig) -> None:
     """Nothing is said of a sound robot; then what, whose, and how often. The robot does not mind."""
     os.environ.update({key: value for key, value in arm.env.items() if key.startswith("LITHE_")})
     assert arm.ask("status")["health"] == SOUND

@@ -13,7 +13,7 @@ from pathlib import Path
 import calm
 import pytest
 from calm import connected
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 from system.simulated import Simulated
 from system.test_sim import QUERY, Wire
 
@@ -68,31 +68,31 @@ def sim(tmp_path: Path) -> Iterator[Simulated]:
         yield served
 
 
-def held_level(house: House, sim: Simulated, monkeypatch: pytest.MonkeyPatch) -> None:
+def held_level(rig: RobotRig, sim: Simulated, monkeypatch: pytest.MonkeyPatch) -> None:
     """The arm, level, held up by its law."""
     changes = {
         'kind = "loop" ': f'kind = "fdcanusb"\nchecksums = "off"\npath = "{sim.path()}" ',
         "lost_after_misses = 3 ": PATIENT,
         "watchdog_s = 0.2 ": f"watchdog_s = {WATCHDOG_S} ",
     }
-    house.config.write_text(calm.calm_text(changes), encoding="utf-8")
+    rig.config.write_text(calm.calm_text(changes), encoding="utf-8")
     for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX", "LITHE_OUT_DIR"):
-        monkeypatch.setenv(key, house.env[key])
-    process = house.run()
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+        monkeypatch.setenv(key, rig.env[key])
+    process = rig.run()
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
     with connected() as robot:
         robot.go_to([math.pi / 2], in_s=1.0)
-        house.wait_for(lambda: abs(house.ask("status")["joints"][0]["position_rad"] - math.pi / 2) < 0.2)
+        rig.wait_for(lambda: abs(rig.ask("status")["joints"][0]["position_rad"] - math.pi / 2) < 0.2)
         time.sleep(0.5)
-    spine = house.ask("status")["spine_pid"]
+    spine = rig.ask("status")["spine_pid"]
     os.kill(process.pid, signal.SIGKILL)  # so that nobody is left who could tidy up
     os.kill(spine, signal.SIGKILL)
 
 
 def test_a_dead_computers_arm_sinks_damped(
-    house: House, sim: Simulated, monkeypatch: pytest.MonkeyPatch, tell: Callable[[str], None]
+    rig: RobotRig, sim: Simulated, monkeypatch: pytest.MonkeyPatch, tell: Callable[[str], None]
 ) -> None:
-    held_level(house, sim, monkeypatch)
+    held_level(rig, sim, monkeypatch)
     drive = Drive(sim.path())
     mode, angle, _ = drive.seen()
     assert mode in (10, 11) and angle > 1.0, "still up"
@@ -107,9 +107,9 @@ def test_a_dead_computers_arm_sinks_damped(
 
 
 def test_the_control_an_arm_that_is_let_go_falls(
-    house: House, sim: Simulated, monkeypatch: pytest.MonkeyPatch, tell: Callable[[str], None]
+    rig: RobotRig, sim: Simulated, monkeypatch: pytest.MonkeyPatch, tell: Callable[[str], None]
 ) -> None:
-    held_level(house, sim, monkeypatch)
+    held_level(rig, sim, monkeypatch)
     drive = Drive(sim.path())
     drive.seen(LET_GO)
     peak, modes = drive.peak_until_rest()
@@ -126,7 +126,7 @@ def test_the_control_an_arm_that_is_let_go_falls(
         (10, "when this computer dies, the drive would go on and hold the joint with its own gains, without a limit"),
     ],
 )
-def test_a_drive_that_would_let_go_or_go_on_is_not_armed(house: House, sim: Simulated, mode: int, says: str) -> None:
+def test_a_drive_that_would_let_go_or_go_on_is_not_armed(rig: RobotRig, sim: Simulated, mode: int, says: str) -> None:
     """And the refusal says which drive, which value, and what to do; with the robot file's leave it may hold."""
     line = b"conf set servo.timeout_mode %d\n" % mode
     frame = (b"\x40\x01" + bytes([len(line)]) + line).ljust(48, b"\x50")
@@ -137,18 +137,18 @@ def test_a_drive_that_would_let_go_or_go_on_is_not_armed(house: House, sim: Simu
         'kind = "loop" ': f'kind = "fdcanusb"\nchecksums = "off"\npath = "{sim.path()}" ',
         "lost_after_misses = 3 ": PATIENT,
     }
-    house.config.write_text(calm.calm_text(changes), encoding="utf-8")
-    house.run("--no-arm")
-    house.wait_for(lambda: "not_ready" in house.ask("status")["joints"][0]["problems"])
-    house.wait_for(lambda: f"servo.timeout_mode is {mode}: {says}" in house.log())
-    error = house.ask("arm", code=1)["error"]
+    rig.config.write_text(calm.calm_text(changes), encoding="utf-8")
+    rig.run("--no-arm")
+    rig.wait_for(lambda: "not_ready" in rig.ask("status")["joints"][0]["problems"])
+    rig.wait_for(lambda: f"servo.timeout_mode is {mode}: {says}" in rig.log())
+    error = rig.ask("arm", code=1)["error"]
     assert error["code"] == "refused_not_ready", json.dumps(error)
     assert f"joint shoulder (drive shoulder_drive): servo.timeout_mode is {mode}: {says}" in error["message"]
     assert "conf set" in error["message"] and "lithe arm" in error["next"]
     if mode == 0:
         return
-    house.ask("stop")
-    assert house.started[-1].wait(30) == 0
-    house.config.write_text(calm.calm_text(changes | {"may_hold_alone = false ": "may_hold_alone = true "}))
-    house.run()
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    rig.ask("stop")
+    assert rig.started[-1].wait(30) == 0
+    rig.config.write_text(calm.calm_text(changes | {"may_hold_alone = false ": "may_hold_alone = true "}))
+    rig.run()
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")

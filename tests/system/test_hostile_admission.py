@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.house import BIN, ROOT, House
+from system.robot_rig import BIN, ROOT, RobotRig
 
 pytestmark = pytest.mark.early
 
@@ -111,13 +111,13 @@ def bring(law: Path, lawd: Talk, trial: Talk) -> list[dict[str, Any]]:
     return answers
 
 
-def compiler_and_trial(house: House, env: dict[str, str], started: contextlib.ExitStack) -> tuple[Talk, Talk]:
+def compiler_and_trial(rig: RobotRig, env: dict[str, str], started: contextlib.ExitStack) -> tuple[Talk, Talk]:
     """A lawd and a lithe-trial with one arena; `started` ends them."""
     arena = make_arena()
     try:
         lawd = Talk(BIN / "lawd", env=env, arena=arena)
         started.callback(lawd.close)
-        trial = Talk(BIN / "lithe-trial", house.config, env=env, arena=arena)
+        trial = Talk(BIN / "lithe-trial", rig.config, env=env, arena=arena)
         started.callback(trial.close)
     finally:
         os.close(arena)
@@ -131,10 +131,10 @@ def answers() -> Iterator[dict[str, list[dict[str, Any]]]]:
         pytest.fail(f"no binaries in {BIN}: make, or set LITHE_BIN_DIR")
     pairs: queue.Queue[tuple[Talk, Talk]] = queue.Queue()
     with contextlib.ExitStack() as started:
-        house = started.enter_context(House())
-        env = house.env | {"LITHE_CACHE_DIR": str(house.dir / "cache")}
+        rig = started.enter_context(RobotRig())
+        env = rig.env | {"LITHE_CACHE_DIR": str(rig.dir / "cache")}
         for _ in range(2):
-            pair = compiler_and_trial(house, env, started)  # the second lawd finds the contract precompiled
+            pair = compiler_and_trial(rig, env, started)  # the second lawd finds the contract precompiled
             if not (pair[0].has_arena and pair[1].has_arena):
                 print("this system refuses the code arena: laws are tried as shared objects only")
             pairs.put(pair)
@@ -187,9 +187,9 @@ def test_good_laws_pass_every_gate(answers: dict[str, list[dict[str, Any]]]) -> 
     """The laws LITHE ships are not refused by rules meant for others."""
     assert answers  # the programs are there
     with contextlib.ExitStack() as started:
-        house = started.enter_context(House())
-        env = house.env | {"LITHE_CACHE_DIR": str(house.dir / "cache")}
-        lawd, trial = compiler_and_trial(house, env, started)
+        rig = started.enter_context(RobotRig())
+        env = rig.env | {"LITHE_CACHE_DIR": str(rig.dir / "cache")}
+        lawd, trial = compiler_and_trial(rig, env, started)
         for law in sorted((ROOT / "laws").glob("*.cpp")):
             if law.name.endswith("_test.cpp"):
                 continue

@@ -25,7 +25,7 @@ from lithe.demo import losses
 from lithe.demo.recorder import Recorder
 from lithe.errors import Refused
 from lithe.shm import RingCursor
-from system.house import ROOT, alive
+from system.robot_rig import ROOT, alive
 from system.test_hostile_admission import CORPUS, header
 
 # A law goes bad this long after its first tick, not before: else the Loader's dry steps would meet it, not the tick.
@@ -219,7 +219,7 @@ def live(laws: list[Path]) -> Iterator[Day]:
     """One long-lived robot with open gates: each law in turn, those that fail several times."""
     fates: dict[str, list[Fate]] = defaultdict(list)
     as_written = {}
-    with calm_robot("--ungated", changes=HEAVY) as house, connected() as link:
+    with calm_robot("--ungated", changes=HEAVY) as rig, connected() as link:
         info = link.spine.info
         robot, recorder = Robot(link), Recorder("arm")
         try:
@@ -234,7 +234,7 @@ def live(laws: list[Path]) -> Iterator[Day]:
                     fates[law.stem].append(robot.bring(later(text), law.name, FAULT_S))
                     robot.move(0.5)
             robot.wait_for_lines()
-            status = house.ask("status")
+            status = rig.ask("status")
         finally:
             robot.close()
             records = recorder.finish()

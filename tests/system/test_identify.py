@@ -14,7 +14,7 @@ import pytest
 from lithe.demo.recorder import Recorder
 from lithe.gateway.references import References
 from lithe.identify import describe, design_multisine
-from system.house import ROOT
+from system.robot_rig import ROOT
 from system.simulated import running
 
 SECONDS = 12.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from lithe import incident
 from lithe.errors import LitheError
-from system.house import House
+from system.robot_rig import RobotRig
 
 CRASHES = """
 #include <lithe/law.hpp>
@@ -24,7 +24,7 @@ LITHE_LAW(Crashes, "crashes");
 """
 
 
-def test_a_crash_is_kept_with_a_second_before_and_after(arm: House) -> None:
+def test_a_crash_is_kept_with_a_second_before_and_after(arm: RobotRig) -> None:
     """Summary, telemetry and picture; found by verb, by command and, when the robot is gone, by folder."""
     path = arm.dir / "crashes.cpp"
     path.write_text(CRASHES)

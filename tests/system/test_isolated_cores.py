@@ -11,7 +11,7 @@ from typing import Any
 import calm
 import pytest
 from system.booted import booted
-from system.house import ROOT
+from system.robot_rig import ROOT
 from vm import machine
 
 SCRIPT = Path(__file__).with_name("isolated_cores.sh")

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import law_symbols
 import pytest
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 from system.swapping import certificates, folder
 
 
-def test_the_symbols_of_a_law_lie_where_it_runs(arm: House) -> None:
+def test_the_symbols_of_a_law_lie_where_it_runs(arm: RobotRig) -> None:
     """Its slot is in the Spine's own map of the arena, and its code is that of its file."""
     placed = certificates(arm)[-1]["placement"]
     path = max(folder(arm).glob("[0-9]*.json"))
@@ -27,7 +27,7 @@ def test_the_symbols_of_a_law_lie_where_it_runs(arm: House) -> None:
 
 
 @pytest.mark.parametrize("law", sorted((ROOT / "laws").glob("*.cpp")), ids=lambda law: law.stem)
-def test_every_law_that_comes_with_lithe_can_be_looked_into(arm: House, law: Path) -> None:
+def test_every_law_that_comes_with_lithe_can_be_looked_into(arm: RobotRig, law: Path) -> None:
     """Also those that call functions of the arena."""
     done = arm.ask("swap", law)
     elf = law_symbols.link(folder(arm) / done["certificate"])
@@ -36,7 +36,7 @@ def test_every_law_that_comes_with_lithe_can_be_looked_into(arm: House, law: Pat
     assert ".cpp:" in told or ".hpp:" in told, told
 
 
-def test_without_a_certificate_it_is_the_law_that_runs(arm: House, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_certificate_it_is_the_law_that_runs(arm: RobotRig, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not the newest certificate: that one may be of a law that was refused."""
     for key, value in arm.env.items():
         monkeypatch.setenv(key, value)
@@ -49,13 +49,13 @@ def test_without_a_certificate_it_is_the_law_that_runs(arm: House, monkeypatch: 
         law_symbols.link(max(folder(arm).glob("[0-9]*.json")))
 
 
-def test_a_core_dump_has_the_arena(arm: House) -> None:
+def test_a_core_dump_has_the_arena(arm: RobotRig) -> None:
     """It is a private mapping of a file to the kernel, which core dumps leave out if nobody asks for it (core(5))."""
     spine = arm.ask("status")["spine_pid"]
     assert int(Path(f"/proc/{spine}/coredump_filter").read_text(encoding="ascii"), 16) & 4
 
 
-def test_a_law_whose_object_has_gone_is_named(arm: House, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_whose_object_has_gone_is_named(arm: RobotRig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LITHE_CACHE_DIR", str(arm.dir / "none"))
     with pytest.raises(SystemExit, match="swap the law in again"):
         law_symbols.link(folder(arm) / "0001.json")

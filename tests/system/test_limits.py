@@ -7,7 +7,7 @@ import numpy as np
 from calm import calm_robot, connected
 from lithe._wire import Mode, TelemetryFlags
 from lithe.shm import RingCursor
-from system.house import ROOT
+from system.robot_rig import ROOT
 
 LAW = (ROOT / "tests/laws_hostile/full_torque_delayed.cpp").read_text()
 LIMIT_RAD = 3.0
@@ -16,7 +16,7 @@ TICKS = 7000  # from the commit on: three thousand as a good law, then it pushes
 
 def test_a_joint_under_full_torque_stays_inside_its_limits() -> None:
     """The law pushes for four seconds, without a probation that would take it away."""
-    with calm_robot(ideal=False) as house, connected() as robot:
+    with calm_robot(ideal=False) as rig, connected() as robot:
         cursor = RingCursor(robot.spine.mapping, "telemetry")
         done = robot.swap(LAW.replace("20'000", "3'000"), name="full_torque.cpp", probation_s=0)
         assert done["commit_tick"] > 0
@@ -29,8 +29,8 @@ def test_a_joint_under_full_torque_stays_inside_its_limits() -> None:
             speeds.extend(records["velocity_rad_s"][:, 0])
             return len(records) > 0 and int(records["tick"][-1]) > done["commit_tick"] + TICKS
 
-        house.wait_for(pushed)
-        status = house.ask("status")
+        rig.wait_for(pushed)
+        status = rig.ask("status")
         farthest = float(np.max(np.abs(positions)))
         print(f"farthest {farthest:.4f} rad, fastest {np.max(np.abs(speeds)):.2f} rad/s, mode {status['mode']}")
         assert farthest > 0.9 * LIMIT_RAD, "it did push"
@@ -42,10 +42,10 @@ def test_a_robot_file_without_soft_start_s_starts_softly_for_the_time_that_is_do
     """Counted in ticks of a running robot, from arming on."""
     page = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
     (default_s,) = re.findall(r"\| `soft_start_s` \|.*?\(default ([0-9.]+)", page)
-    with calm_robot(changes={"soft_start_s = 0.5 ": "# no soft_start_s "}) as house, connected() as robot:
-        house.ask("disarm")
+    with calm_robot(changes={"soft_start_s = 0.5 ": "# no soft_start_s "}) as rig, connected() as robot:
+        rig.ask("disarm")
         cursor = RingCursor(robot.spine.mapping, "telemetry")
-        house.ask("arm")
+        rig.ask("arm")
         soft: list[bool] = []
 
         def is_over() -> bool:
@@ -54,6 +54,6 @@ def test_a_robot_file_without_soft_start_s_starts_softly_for_the_time_that_is_do
             soft.extend(driven & TelemetryFlags.soft_starting != 0)
             return any(soft) and not soft[-1]
 
-        house.wait_for(is_over)
+        rig.wait_for(is_over)
     print(f"soft for {sum(soft)} ticks of a millisecond")
     assert abs(sum(soft) - 1000 * float(default_s)) <= 2

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import pytest
 from calm import calm_text
 from lithe._wire import SEGMENTS, SegmentHeader
-from system.house import BIN, ROOT, House
+from system.robot_rig import BIN, ROOT, RobotRig
 from system.swapping import law, sway
 
 SOON = "6'000"  # steps: after trial and probation
@@ -70,14 +70,14 @@ BLOCKS = (
 LIBRARY_KIB = 64  # of variables without a file, at most: a stack may happen to lie beside a library
 
 
-def told(house: House, kind: str) -> list[str]:
+def told(rig: RobotRig, kind: str) -> list[str]:
     """The texts of the events of one kind."""
-    return [each["text"] for each in house.ask("events")["events"] if each["kind"] == kind]
+    return [each["text"] for each in rig.ask("events")["events"] if each["kind"] == kind]
 
 
-def maps(house: House) -> list[tuple[int, int, str, str]]:
+def maps(rig: RobotRig) -> list[tuple[int, int, str, str]]:
     """From, to, rights and name of every piece of the Spine's memory."""
-    return maps_of(house.ask("status")["spine_pid"])
+    return maps_of(rig.ask("status")["spine_pid"])
 
 
 def maps_of(pid: int) -> list[tuple[int, int, str, str]]:
@@ -98,11 +98,11 @@ def kind_of(name: str, before: str, kib: int) -> str:
     return "the spine's variables" if "lithe-spine" in (name or before) else "stacks"
 
 
-def writable_kib(house: House) -> dict[str, int]:
+def writable_kib(rig: RobotRig) -> dict[str, int]:
     """How much of each kind the process may write, the protected memory apart."""
     sizes: dict[str, int] = {}
     end, before = 0, ""
-    for start, to, rights, name in maps(house):
+    for start, to, rights, name in maps(rig):
         before = before if start == end and not name else name
         if "w" in rights:
             kib = (to - start) // 1024
@@ -113,7 +113,7 @@ def writable_kib(house: House) -> dict[str, int]:
     return sizes
 
 
-def test_a_law_that_overwrites_the_spines_variables_is_stopped_there(arm: House) -> None:
+def test_a_law_that_overwrites_the_spines_variables_is_stopped_there(arm: RobotRig) -> None:
     source = (ROOT / "tests/laws_hostile/overwrites_the_program_delayed.cpp").read_text()
     path = arm.dir / "evening.cpp"
     path.write_text(source.replace("20'000", SOON).replace("the_evening", "a_moment"))
@@ -125,7 +125,7 @@ def test_a_law_that_overwrites_the_spines_variables_is_stopped_there(arm: House)
     assert arm.ask("status")["mode"] == "active"
 
 
-def test_damage_that_can_only_be_found_stops_the_robot_for_good_and_is_named(arm: House) -> None:
+def test_damage_that_can_only_be_found_stops_the_robot_for_good_and_is_named(arm: RobotRig) -> None:
     (segment,) = [start for start, _, _, name in maps(arm) if name.endswith(".arm.spine")]
     gap = segment + SEGMENTS["spine"]["robot_info"].offset + 16  # between two words that nobody reads
     path = arm.dir / "late.cpp"
@@ -160,15 +160,15 @@ def places_of(pid: int, memory: int, block: Block) -> list[int]:
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.name)
-def test_one_bit_of_any_block_that_is_watched_is_noticed_and_the_block_named(house: House, block: Block) -> None:
+def test_one_bit_of_any_block_that_is_watched_is_noticed_and_the_block_named(rig: RobotRig, block: Block) -> None:
     """In a real Spine, as an error in a driver or a broken memory chip would do it."""
     text = calm_text(ODD)
-    house.config.write_text(text + SENSOR)
-    log = house.dir / "spine.log"
+    rig.config.write_text(text + SENSOR)
+    log = rig.dir / "spine.log"
     with (
         log.open("w") as said,
         subprocess.Popen(
-            [BIN / "lithe-spine-sim", house.config], env=house.env, stdout=subprocess.PIPE, stderr=said, text=True
+            [BIN / "lithe-spine-sim", rig.config], env=rig.env, stdout=subprocess.PIPE, stderr=said, text=True
         ) as spine,
     ):
         assert spine.stdout is not None
@@ -181,7 +181,7 @@ def test_one_bit_of_any_block_that_is_watched_is_noticed_and_the_block_named(hou
             (byte,) = os.pread(memory, 1, place)
             os.pwrite(memory, bytes([byte ^ 1]), place)
         os.close(memory)
-        house.wait_for(lambda: "must not change" in log.read_text())
+        rig.wait_for(lambda: "must not change" in log.read_text())
         spine.terminate()
     told_by_it = re.findall("memory that must not change has changed: (.*)", log.read_text())
     assert told_by_it == [block.name]
@@ -193,7 +193,7 @@ def test_every_block_that_is_watched_is_damaged_here() -> None:
     assert re.findall(r'\{"(.*?)",', source) == [block.name for block in BLOCKS]
 
 
-def test_the_list_of_writable_memory_is_true(arm: House) -> None:
+def test_the_list_of_writable_memory_is_true(arm: RobotRig) -> None:
     page = (ROOT / "docs/swap.md").read_text().split("## What is not contained")[1]
     rows = [match for match in map(LISTED.match, page.splitlines()) if match]
     listed = {row["name"].lower(): int(row["kib"].replace(",", "")) for row in rows}
@@ -203,13 +203,13 @@ def test_the_list_of_writable_memory_is_true(arm: House) -> None:
         assert listed[name] / 4 <= kib <= listed[name], f"{name}: {kib} KiB"
 
 
-def test_what_others_write_the_spine_cannot(arm: House) -> None:
+def test_what_others_write_the_spine_cannot(arm: RobotRig) -> None:
     rights = {Path(name).suffix: rights for _, _, rights, name in maps(arm) if name.startswith("/dev/shm/")}
     assert rights[".control"][1] == rights[".brain"][1] == "-"
     assert rights[".spine"][1] == "w"
 
 
-def test_it_is_locked_or_the_status_says_why_not(arm: House) -> None:
+def test_it_is_locked_or_the_status_says_why_not(arm: RobotRig) -> None:
     status = arm.ask("status")
     words = Path(f"/proc/{status['spine_pid']}/status").read_text()
     locked_kib = int(words.split("VmLck:")[1].split()[0])

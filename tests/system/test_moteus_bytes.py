@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from system.house import BIN, ROOT, need
 from system.pypi import Package
+from system.robot_rig import BIN, ROOT, need
 
 CASES = ROOT / "tests" / "moteus" / "cases.py"
 COUNT = 2000

@@ -6,44 +6,46 @@ from collections.abc import Callable
 from typing import Any
 
 from calm import calm_text, connected
-from system.house import House
+from system.robot_rig import RobotRig
 from system.swapping import becomes, certificate, certificates, sway
 
 
-def in_force(house: House, name: str) -> float:
+def in_force(rig: RobotRig, name: str) -> float:
     """The value of a parameter now."""
-    return float(house.ask("param", "get", name)["params"][0]["value"])
+    return float(rig.ask("param", "get", name)["params"][0]["value"])
 
 
-def changes(house: House) -> list[dict[str, Any]]:
+def changes(rig: RobotRig) -> list[dict[str, Any]]:
     """What the certificate of the newest law says of its parameters."""
-    found: list[dict[str, Any]] = certificates(house)[-1].get("param_changes", [])
+    found: list[dict[str, Any]] = certificates(rig)[-1].get("param_changes", [])
     return found
 
 
 def test_a_stiffness_that_shakes_the_chain_is_refused_as_parameter_and_as_swap(
-    house: House, tell: Callable[[str], None]
+    rig: RobotRig, tell: Callable[[str], None]
 ) -> None:
     """kp 40: the wrist swung at 18 rad/s when parameters were not tried."""
-    house.config.write_text(calm_text(robot="chain"))
-    house.run()
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
-    error = house.ask("param", "set", "kp_nm_rad=40", code=1)["error"]
+    rig.config.write_text(calm_text(robot="chain"))
+    rig.run()
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
+    error = rig.ask("param", "set", "kp_nm_rad=40", code=1)["error"]
     tell(error["message"])
     assert error["code"] == "trial_failed" and error["message"].startswith("kp_nm_rad = 40 (now 4): loop: ")
     assert "joint " in error["message"] and " rad/s" in error["message"]
     assert "nothing was changed" in error["next"]
-    assert in_force(house, "kp_nm_rad") == 4.0
-    assert [each["kind"] for each in house.ask("events")["events"]].count("params_applied") == 0
-    last = house.ask("status")["last_params"]
+    assert in_force(rig, "kp_nm_rad") == 4.0
+    assert [each["kind"] for each in rig.ask("events")["events"]].count("params_applied") == 0
+    last = rig.ask("status")["last_params"]
     assert (last["law"], last["verdict"], last["values"]) == ("pd", "refused", {"kp_nm_rad": 40.0})
-    assert [each["verdict"] for each in changes(house)] == ["refused"]
-    assert "kp_nm_rad = 40.0 refused: " in house.lithe("status").stdout
-    as_swap = house.ask("swap", "pd", "--param", "kp_nm_rad=40", code=1)["error"]
+    assert [each["verdict"] for each in changes(rig)] == ["refused"]
+    assert "kp_nm_rad = 40.0 refused: " in rig.lithe("status").stdout
+    as_swap = rig.ask("swap", "pd", "--param", "kp_nm_rad=40", code=1)["error"]
     assert as_swap["code"] == "trial_failed" and as_swap["message"] in error["message"]
 
 
-def test_good_parameters_are_unproven_at_rest_and_confirmed_in_motion(arm: House, tell: Callable[[str], None]) -> None:
+def test_good_parameters_are_unproven_at_rest_and_confirmed_in_motion(
+    arm: RobotRig, tell: Callable[[str], None]
+) -> None:
     """The law's certificate and the status say what became of them."""
     answer = arm.ask("param", "set", "kp_nm_rad=5")
     tell(f"tried in {answer['trial_ms']:.0f} ms")
@@ -59,7 +61,7 @@ def test_good_parameters_are_unproven_at_rest_and_confirmed_in_motion(arm: House
     assert "params set    kp_nm_rad 5 confirmed" in arm.lithe("law", "show", "last").stdout
 
 
-def test_a_law_at_rest_is_unproven_until_it_has_moved(arm: House) -> None:
+def test_a_law_at_rest_is_unproven_until_it_has_moved(arm: RobotRig) -> None:
     """In its certificate and in the status."""
     done = arm.ask("swap", "gravity_pd", "--probation", "200ms")
     assert done["verdict"] == "committed"
@@ -94,7 +96,7 @@ LITHE_LAW(Gain, "gain");
 """
 
 
-def test_the_parameters_of_a_swap_are_in_force_on_the_laws_first_tick(arm: House) -> None:
+def test_the_parameters_of_a_swap_are_in_force_on_the_laws_first_tick(arm: RobotRig) -> None:
     """Not some ticks later, by a command of their own; and a revert does not lead to values that were never tried."""
     path = arm.dir / "gain.cpp"
     path.write_text(SHOWS_GAIN)
@@ -109,7 +111,7 @@ def test_the_parameters_of_a_swap_are_in_force_on_the_laws_first_tick(arm: House
     assert in_force(arm, "gain") == 1.5
 
 
-def test_a_law_that_follows_worse_than_the_running_one_comes_in_with_a_warning(arm: House) -> None:
+def test_a_law_that_follows_worse_than_the_running_one_comes_in_with_a_warning(arm: RobotRig) -> None:
     """Per joint, with the numbers of both; the answer, the status and the certificate say it."""
     done = arm.ask("swap", "pd", "--param", "kp_nm_rad=0.2")
     worse = [each for each in done["trial"]["warnings"] if "worse than under pd, which runs now" in each]
@@ -121,7 +123,7 @@ def test_a_law_that_follows_worse_than_the_running_one_comes_in_with_a_warning(a
     assert not [each for each in again["trial"]["warnings"] if "worse" in each], "it follows better"
 
 
-def test_the_law_of_a_supervisor_that_was_killed_is_tried_from_the_cache(arm: House) -> None:
+def test_the_law_of_a_supervisor_that_was_killed_is_tried_from_the_cache(arm: RobotRig) -> None:
     """The next supervisor never saw its swap."""
     arm.started[0].kill()
     arm.started[0].wait()

@@ -22,7 +22,7 @@ import numpy.typing as npt
 import pytest
 from lithe.demo import losses
 from lithe.demo.recorder import Recorder
-from system.house import ROOT
+from system.robot_rig import ROOT
 from system.simulated import Simulated, at_terminals, running
 
 pytestmark = pytest.mark.early

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from system.house import BIN, ROOT
+from system.robot_rig import BIN, ROOT
 from system.simulated import Simulated
 
 QUERY = b"can send 8001 11001F01130D BF\n"

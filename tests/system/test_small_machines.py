@@ -12,7 +12,7 @@ from pathlib import Path
 
 import calm
 import pytest
-from system.house import BIN, ROOT, House, need
+from system.robot_rig import BIN, ROOT, RobotRig, need
 
 NOBODY = 65534
 
@@ -56,17 +56,17 @@ def as_ordinary_user() -> tuple[str, ...]:
 def test_a_robot_of_an_ordinary_user_runs_and_swaps() -> None:
     """It ticks on its two cores, replaces its law, and says what this machine cannot give to such a user."""
     cores = sorted(os.sched_getaffinity(0))[:2]
-    with House() as house:
-        house.config = house.dir / "arm.toml"
-        house.config.write_text(calm.calm_text(), encoding="utf-8")
+    with RobotRig() as rig:
+        rig.config = rig.dir / "arm.toml"
+        rig.config.write_text(calm.calm_text(), encoding="utf-8")
         if os.geteuid() == 0:
-            os.chown(house.dir, NOBODY, NOBODY)
-        house.wrapper = ["taskset", "-c", ",".join(map(str, cores)), *as_ordinary_user()]
-        house.env |= {"HOME": str(house.dir)}
-        house.run()
-        house.wait_for(lambda: house.ask("status")["mode"] == "active")
-        house.ask("swap", ROOT / "laws/gravity_pd.cpp")
-        status = house.ask("status")
+            os.chown(rig.dir, NOBODY, NOBODY)
+        rig.wrapper = ["taskset", "-c", ",".join(map(str, cores)), *as_ordinary_user()]
+        rig.env |= {"HOME": str(rig.dir)}
+        rig.run()
+        rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
+        rig.ask("swap", ROOT / "laws/gravity_pd.cpp")
+        status = rig.ask("status")
         assert (status["mode"], status["law"]) == ("active", "gravity_pd")
         assert status["lost"], "it says what such a user cannot have"
         assert status["cpus"]["spine"] in cores

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from system.house import BIN, ROOT, need
+from system.robot_rig import BIN, ROOT, need
 
 pytestmark = pytest.mark.long  # it loads the machine on purpose
 

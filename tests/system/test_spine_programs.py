@@ -5,7 +5,7 @@ import re
 import subprocess
 from pathlib import Path
 
-from system.house import BIN, ROOT, House, need
+from system.robot_rig import BIN, ROOT, RobotRig, need
 from system.simulated import Simulated
 
 # What the far end of a bus is made of: functions, and vtables, which stay where functions were inlined.
@@ -44,25 +44,25 @@ def test_the_simulating_spine_is_told_apart() -> None:
     assert "lithe::hal::LoopBus" in names
 
 
-def test_the_real_spine_refuses_a_simulated_bus(house: House) -> None:
-    command = [BIN / "lithe-spine", house.config]
-    refused = subprocess.run(command, env=house.env, capture_output=True, text=True, timeout=30, check=False)
+def test_the_real_spine_refuses_a_simulated_bus(rig: RobotRig) -> None:
+    command = [BIN / "lithe-spine", rig.config]
+    refused = subprocess.run(command, env=rig.env, capture_output=True, text=True, timeout=30, check=False)
     assert refused.returncode == 3
     assert "bus 'can0' is simulated, and this program drives real buses only; start lithe-spine-sim" in refused.stderr
-    assert house.segments() == []
+    assert rig.segments() == []
 
 
-def test_the_robot_file_chooses_the_program(house: House) -> None:
+def test_the_robot_file_chooses_the_program(rig: RobotRig) -> None:
     """A bus of kind "loop": the simulating one. The same robot at the terminals of a `lithe sim`: the other."""
-    loop = house.config.read_text()
-    house.run()
-    assert exe_of(house.ask("status")["spine_pid"]) == "lithe-spine-sim"
-    house.ask("stop")
-    assert house.started[-1].wait(30) == 0
-    sim = Simulated(ROOT / "robots/arm.toml", house.dir / "buses")
+    loop = rig.config.read_text()
+    rig.run()
+    assert exe_of(rig.ask("status")["spine_pid"]) == "lithe-spine-sim"
+    rig.ask("stop")
+    assert rig.started[-1].wait(30) == 0
+    sim = Simulated(ROOT / "robots/arm.toml", rig.dir / "buses")
     try:
-        house.config.write_text(loop.replace('kind = "loop"', f'kind = "fdcanusb"\npath = "{sim.path()}"'))
-        house.run("--no-arm")
-        assert exe_of(house.ask("status")["spine_pid"]) == "lithe-spine"
+        rig.config.write_text(loop.replace('kind = "loop"', f'kind = "fdcanusb"\npath = "{sim.path()}"'))
+        rig.run("--no-arm")
+        assert exe_of(rig.ask("status")["spine_pid"]) == "lithe-spine"
     finally:
         sim.close()

@@ -18,7 +18,7 @@ import pytest
 from calm import calm_robot, connected
 from lithe._wire import Mode
 from lithe.demo.recorder import Recorder
-from system.house import House
+from system.robot_rig import RobotRig
 
 LIMIT_RAD_S = 3.0
 # A joint may pass its limit a little: in all runs of tests/limits it stays below 0.85 of the speed that is a fault.
@@ -65,7 +65,7 @@ class Stream:
             near.append(self.gap_rad("setpoint_position_rad") < 0.05)
             return len(near) > 25 and all(near[-25:])
 
-        House.wait_for(stays)
+        RobotRig.wait_for(stays)
 
 
 @contextmanager
@@ -84,8 +84,8 @@ def arm_far_away(robot: lithe.Robot, stream: Stream) -> None:
     """E-stop, reset, and arm when the stream is far from the arm, which hangs down."""
     robot.estop()
     robot.reset()
-    House.wait_for(lambda: abs(float(robot.telemetry.latest()["velocity_rad_s"][0])) < 0.05)
-    House.wait_for(lambda: stream.gap_rad("position_rad") > FAR_RAD)
+    RobotRig.wait_for(lambda: abs(float(robot.telemetry.latest()["velocity_rad_s"][0])) < 0.05)
+    RobotRig.wait_for(lambda: stream.gap_rad("position_rad") > FAR_RAD)
     robot.arm()
     stream.wait_until_followed()
 
@@ -94,7 +94,7 @@ def stall(_robot: lithe.Robot, stream: Stream) -> None:
     """The publisher pauses, and goes on when its stream is far from where the setpoint has come to rest."""
     stream.stalled.set()
     time.sleep(STALL_S)
-    House.wait_for(lambda: stream.gap_rad("setpoint_position_rad") > FAR_RAD)
+    RobotRig.wait_for(lambda: stream.gap_rad("setpoint_position_rad") > FAR_RAD)
     stream.stalled.clear()
     stream.wait_until_followed()
 

@@ -10,7 +10,7 @@ import pytest
 from calm import calm_robot, connected
 from lithe.demo import losses
 from lithe.demo.recorder import Recorder
-from system.house import ROOT
+from system.robot_rig import ROOT
 
 pytestmark = pytest.mark.alone
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from calm import connected
 from lithe._wire import TelemetryFlags
-from system.house import BIN, ROOT, House, alive
+from system.robot_rig import BIN, ROOT, RobotRig, alive
 from system.swapping import Asks, assert_chained, becomes, certificate, certificates, law, swap_request, sway
 
 HOSTILE = ROOT / "tests/laws_hostile"
@@ -42,15 +42,15 @@ LITHE_LAW(Moody, "moody");
 """
 
 
-def moody(house: House, *words: str) -> dict[str, Any]:
+def moody(rig: RobotRig, *words: str) -> dict[str, Any]:
     """The moody law, running, and its certificate so far."""
-    path = house.dir / "moody.cpp"
+    path = rig.dir / "moody.cpp"
     path.write_text(MOODY)
-    done: dict[str, Any] = house.ask("swap", path, *words)
+    done: dict[str, Any] = rig.ask("swap", path, *words)
     return done
 
 
-def test_a_law_is_refused_at_admission_and_at_its_trial_and_the_old_one_runs_on(arm: House) -> None:
+def test_a_law_is_refused_at_admission_and_at_its_trial_and_the_old_one_runs_on(arm: RobotRig) -> None:
     """Each with its stage, its reason and a certificate; the Spine never hears of it."""
     for name, code, after in (
         ("global_counter", "admission_failed", "submitted"),
@@ -67,7 +67,7 @@ def test_a_law_is_refused_at_admission_and_at_its_trial_and_the_old_one_runs_on(
     assert kinds.count("swap_refused") == 2 and kinds.count("law_staged") == 1
 
 
-def test_a_law_that_crashes_on_trial_is_told_its_line(arm: House) -> None:
+def test_a_law_that_crashes_on_trial_is_told_its_line(arm: RobotRig) -> None:
     """From its slot, which holds no lines: the compile service has them."""
     path = arm.dir / "moody.cpp"
     path.write_text(MOODY)
@@ -78,13 +78,13 @@ def test_a_law_that_crashes_on_trial_is_told_its_line(arm: House) -> None:
     assert law(arm) == "pd"
 
 
-def score_of(arm: House, law_id: int) -> dict[str, Any]:
+def score_of(arm: RobotRig, law_id: int) -> dict[str, Any]:
     """Of a law in the Spine, as `lithe law list` tells it."""
     found: dict[str, Any] = next(each for each in arm.ask("law", "list")["resident"] if each["law_id"] == law_id)
     return dict(found["score"])
 
 
-def test_a_good_law_is_committed_confirmed_and_certified(arm: House, tell: Callable[[str], None]) -> None:
+def test_a_good_law_is_committed_confirmed_and_certified(arm: RobotRig, tell: Callable[[str], None]) -> None:
     """The answer comes at the commit; the certificate goes on."""
     done = arm.ask("swap", "gravity_pd", "--probation", "200ms", "--blend", "10ms")
     assert done["verdict"] == "committed" and done["terms"]["blend_s"] == pytest.approx(0.01)
@@ -112,7 +112,7 @@ def test_a_good_law_is_committed_confirmed_and_certified(arm: House, tell: Calla
     assert_chained(arm)
 
 
-def test_a_law_that_drives_away_is_rolled_back_within_two_ticks(arm: House, tell: Callable[[str], None]) -> None:
+def test_a_law_that_drives_away_is_rolled_back_within_two_ticks(arm: RobotRig, tell: Callable[[str], None]) -> None:
     """Its probation sees the tracking error grow; the law before it runs again, and the certificate says why."""
     os.environ.update({key: value for key, value in arm.env.items() if key.startswith("LITHE_")})
     with connected() as robot:
@@ -133,7 +133,7 @@ def test_a_law_that_drives_away_is_rolled_back_within_two_ticks(arm: House, tell
     assert law(arm) == "pd"
 
 
-def test_a_law_that_crashes_after_its_commit_is_replaced_and_its_certificate_names_the_fault(arm: House) -> None:
+def test_a_law_that_crashes_after_its_commit_is_replaced_and_its_certificate_names_the_fault(arm: RobotRig) -> None:
     """The law before it takes over in the same tick."""
     done = moody(arm, "--param", "crash_after=6000")
     assert done["verdict"] == "committed" and done["params"]["taken"] is True
@@ -145,7 +145,7 @@ def test_a_law_that_crashes_after_its_commit_is_replaced_and_its_certificate_nam
     assert law(arm) == "pd" and arm.ask("status")["mode"] == "active"
 
 
-def test_without_a_probation_a_law_that_drives_away_stays_and_its_crash_is_contained(arm: House) -> None:
+def test_without_a_probation_a_law_that_drives_away_stays_and_its_crash_is_contained(arm: RobotRig) -> None:
     """`probation_s = 0`: nobody judges how it follows; the fault barrier is there all the same."""
     os.environ.update({key: value for key, value in arm.env.items() if key.startswith("LITHE_")})
     with connected() as robot:
@@ -192,18 +192,18 @@ SHOWS = {
 }
 
 
-def poison(house: House, words: dict[str, str]) -> dict[str, Any]:
+def poison(rig: RobotRig, words: dict[str, str]) -> dict[str, Any]:
     """One of the two laws, swapped in."""
     text = POISON
     for old, new in words.items():
         text = text.replace(old, new)
-    path = house.dir / f"{words['NAME']}.cpp"
+    path = rig.dir / f"{words['NAME']}.cpp"
     path.write_text(text)
-    done: dict[str, Any] = house.ask("swap", path)
+    done: dict[str, Any] = rig.ask("swap", path)
     return done
 
 
-def test_a_state_full_of_nan_does_not_lock_good_laws_out(arm: House) -> None:
+def test_a_state_full_of_nan_does_not_lock_good_laws_out(arm: RobotRig) -> None:
     """The field is not carried; answer, status, certificate and an event name it."""
     poison(arm, HIDES)
     before = arm.ask("status")["tick"]
@@ -219,18 +219,18 @@ def test_a_state_full_of_nan_does_not_lock_good_laws_out(arm: House) -> None:
     assert law(arm) == "integrates" and arm.ask("status")["law_faults"] == []
 
 
-def test_without_a_law_before_it_a_crash_ends_in_the_safe_law(house: House) -> None:
+def test_without_a_law_before_it_a_crash_ends_in_the_safe_law(rig: RobotRig) -> None:
     """There is nothing to go back to; the certificate says that too."""
-    path = house.dir / "moody.cpp"
+    path = rig.dir / "moody.cpp"
     path.write_text(MOODY.replace("crash_after{0,", "crash_after{6000,"))
-    house.run("--law", str(path))
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
-    house.wait_for(lambda: certificates(house)[0]["verdict"] == "rolled_back")
-    assert "safe law" in certificates(house)[0]["rolled_back"]["why"]
-    assert house.ask("status")["mode"] == "safe_stop"
+    rig.run("--law", str(path))
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
+    rig.wait_for(lambda: certificates(rig)[0]["verdict"] == "rolled_back")
+    assert "safe law" in certificates(rig)[0]["rolled_back"]["why"]
+    assert rig.ask("status")["mode"] == "safe_stop"
 
 
-def test_a_shadow_that_agrees_is_promoted_and_one_that_does_not_is_refused(arm: House) -> None:
+def test_a_shadow_that_agrees_is_promoted_and_one_that_does_not_is_refused(arm: RobotRig) -> None:
     """Same inputs, output thrown away; the answer comes after the shadow."""
     done = arm.ask("swap", "pd", "--shadow", "300ms", "--tolerance", "0.05")
     assert done["verdict"] == "committed" and done["shadow"]["ticks"] >= 300
@@ -249,7 +249,7 @@ def test_a_shadow_that_agrees_is_promoted_and_one_that_does_not_is_refused(arm: 
     assert law(arm) == "pd"
 
 
-def test_a_trial_or_a_compile_service_that_dies_costs_the_law_it_had(arm: House) -> None:
+def test_a_trial_or_a_compile_service_that_dies_costs_the_law_it_had(arm: RobotRig) -> None:
     """The client gets the reason, the robot keeps its law, and a new one serves the next request."""
     for pid_key, code, after in (("trial_pid", "trial_died", "placed"), ("lawd_pid", "lawd_died", "submitted")):
         pid, since = arm.ask("status")[pid_key], arm.ask("events")["cursor"]
@@ -266,7 +266,7 @@ def test_a_trial_or_a_compile_service_that_dies_costs_the_law_it_had(arm: House)
         assert arm.ask("swap", "pd")["verdict"] == "committed"
 
 
-def test_two_hundred_requests_in_a_second_are_all_answered(arm: House) -> None:
+def test_two_hundred_requests_in_a_second_are_all_answered(arm: RobotRig) -> None:
     """Done or busy, from four clients at once; every one that was taken in has its certificate, and the chain holds."""
     requests = [swap_request(("pd", "gravity_pd")[i % 2], box_ms=20) for i in range(50)]
     clients = [Asks(arm, requests) for _ in range(4)]
@@ -281,7 +281,7 @@ def test_two_hundred_requests_in_a_second_are_all_answered(arm: House) -> None:
     assert_chained(arm)
 
 
-def test_a_newer_request_takes_the_place_of_an_older_one_if_it_says_so(arm: House) -> None:
+def test_a_newer_request_takes_the_place_of_an_older_one_if_it_says_so(arm: RobotRig) -> None:
     """Of the same client, for the same file name, and only while it waits."""
     os.kill(arm.ask("status")["lawd_pid"], signal.SIGSTOP)  # so that the first is under way, and the others wait
     asked = Asks(arm, [swap_request("pd"), swap_request("hold"), swap_request("hold", supersede=True)])
@@ -291,7 +291,7 @@ def test_a_newer_request_takes_the_place_of_an_older_one_if_it_says_so(arm: Hous
     assert [each["ok"] for each in sorted(asked.wait(), key=lambda each: each["id"])] == [True, False, True]
 
 
-def test_a_disarmed_or_stopped_robot_takes_a_law_but_no_shadow(arm: House) -> None:
+def test_a_disarmed_or_stopped_robot_takes_a_law_but_no_shadow(arm: RobotRig) -> None:
     """The law lies ready for the next arming; a shadow needs a law that runs."""
     for command in ("disarm", "estop"):
         arm.ask(command)
@@ -301,7 +301,7 @@ def test_a_disarmed_or_stopped_robot_takes_a_law_but_no_shadow(arm: House) -> No
     assert arm.ask("status")["mode"] == "estop"
 
 
-def test_terms_out_of_range_are_refused_by_name(arm: House) -> None:
+def test_terms_out_of_range_are_refused_by_name(arm: RobotRig) -> None:
     """Before anything is compiled or recorded."""
     before = len(certificates(arm))
     for args, name in (({"blend_s": -1}, "blend_s"), ({"shadow": 2}, "shadow"), ({"budget_us": 1e9}, "budget_us")):
@@ -311,28 +311,26 @@ def test_terms_out_of_range_are_refused_by_name(arm: House) -> None:
     assert len(certificates(arm)) == before
 
 
-def test_a_robot_without_its_trial_does_not_start_unless_the_gates_are_opened(house: House) -> None:
+def test_a_robot_without_its_trial_does_not_start_unless_the_gates_are_opened(rig: RobotRig) -> None:
     """A missing program is no reason to load laws untried."""
-    other = house.dir / "bin"
+    other = rig.dir / "bin"
     other.mkdir()
     for program in ("lithe", "lawd", "lithe-spine-sim"):
         shutil.copy(BIN / program, other)
-    command = [other / "lithe", "run", house.config]
-    refused = subprocess.run(command, check=False, env=house.env, capture_output=True, text=True, timeout=60)
+    command = [other / "lithe", "run", rig.config]
+    refused = subprocess.run(command, check=False, env=rig.env, capture_output=True, text=True, timeout=60)
     assert refused.returncode == 1 and "lithe-trial" in refused.stderr
-    with (house.dir / "ungated.log").open("w") as log:
-        house.started.append(
-            subprocess.Popen([*command, "--ungated"], env=house.env, stdout=log, stderr=log, text=True)
-        )
-    house.wait_for(lambda: house.socket.exists() or house.started[-1].poll() is not None, 60)
-    assert house.ask("status")["gates"] == "open"
-    assert "THE GATES ARE OPEN" in (house.dir / "ungated.log").read_text()
-    assert "THE GATES ARE OPEN" in house.lithe("status").stdout
-    told = certificates(house)[0]
+    with (rig.dir / "ungated.log").open("w") as log:
+        rig.started.append(subprocess.Popen([*command, "--ungated"], env=rig.env, stdout=log, stderr=log, text=True))
+    rig.wait_for(lambda: rig.socket.exists() or rig.started[-1].poll() is not None, 60)
+    assert rig.ask("status")["gates"] == "open"
+    assert "THE GATES ARE OPEN" in (rig.dir / "ungated.log").read_text()
+    assert "THE GATES ARE OPEN" in rig.lithe("status").stdout
+    told = certificates(rig)[0]
     assert told["reasons"]["admitted"].startswith("skipped") and told["reasons"]["tried"].startswith("skipped")
 
 
-def test_a_supervisor_that_is_killed_leaves_a_chain_that_the_next_one_goes_on_with(arm: House) -> None:
+def test_a_supervisor_that_is_killed_leaves_a_chain_that_the_next_one_goes_on_with(arm: RobotRig) -> None:
     """The numbers go on, the hashes fit."""
     arm.ask("swap", "gravity_pd")
     pid = arm.ask("status")["spine_pid"]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.house import BIN, need
+from system.robot_rig import BIN, need
 
 
 def tune(code: int, *words: object) -> dict[str, Any]:

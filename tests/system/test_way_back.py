@@ -10,30 +10,30 @@ from typing import Any
 import lithe
 import pytest
 from calm import calm_text
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 
 OUTSIDE_RAD = 3.5  # beyond the limit of 3.0 and the overrun of 0.2; gravity pulls it on
 
 
-def verb(house: House, word: str, **args: Any) -> dict[str, Any]:
+def verb(rig: RobotRig, word: str, **args: Any) -> dict[str, Any]:
     """One request on the control socket."""
-    return house.raw(json.dumps({"id": 1, "verb": word, "args": args}).encode() + b"\n")
+    return rig.raw(json.dumps({"id": 1, "verb": word, "args": args}).encode() + b"\n")
 
 
 @pytest.fixture
-def outside(house: House) -> House:
+def outside(rig: RobotRig) -> RobotRig:
     """An arm that stands outside its limits, running."""
     text = calm_text().replace("initial_position_rad = 0.0", f"initial_position_rad = {OUTSIDE_RAD}")
     # It must not swing away while nobody holds it: friction as of a worm gear.
     text = text.replace("coulomb_nm = 0.0132", "coulomb_nm = 0.1")
     assert str(OUTSIDE_RAD) in text and "coulomb_nm = 0.1" in text
-    house.config.write_text(text)
-    house.run()
-    house.wait_for(lambda: "not armed" in house.log())
-    return house
+    rig.config.write_text(text)
+    rig.run()
+    rig.wait_for(lambda: "not armed" in rig.log())
+    return rig
 
 
-def test_arm_names_joint_angle_limit_and_the_way_and_recover_goes_it(outside: House) -> None:
+def test_arm_names_joint_angle_limit_and_the_way_and_recover_goes_it(outside: RobotRig) -> None:
     refused = outside.ask("arm", code=1)["error"]
     assert refused["code"] == "refused_outside"
     assert "shoulder is at 3.5" in refused["message"] and "limit is 3.000" in refused["message"]
@@ -49,7 +49,7 @@ def test_arm_names_joint_angle_limit_and_the_way_and_recover_goes_it(outside: Ho
     assert outside.ask("status")["mode"] == "active"
 
 
-def test_the_brain_recovers_it_and_sim_reset_undoes_it(outside: House) -> None:
+def test_the_brain_recovers_it_and_sim_reset_undoes_it(outside: RobotRig) -> None:
     os.environ.update({key: outside.env[key] for key in ("LITHE_RUN_DIR", "LITHE_SHM_PREFIX")})
     cores = os.sched_getaffinity(0)
     with lithe.connect("arm", writes_plans=False) as robot:
@@ -68,16 +68,16 @@ def test_the_brain_recovers_it_and_sim_reset_undoes_it(outside: House) -> None:
         assert robot.arm()["mode"] == "active"
 
 
-def test_a_joint_that_cannot_be_moved_is_named_with_the_reason(house: House) -> None:
+def test_a_joint_that_cannot_be_moved_is_named_with_the_reason(rig: RobotRig) -> None:
     text = calm_text().replace("initial_position_rad = 0.0", f"initial_position_rad = {OUTSIDE_RAD}")
-    house.config.write_text(text.replace("coulomb_nm = 0.0132", "coulomb_nm = 0.5"))  # stuck
-    house.run()
-    house.wait_for(lambda: "not armed" in house.log())
-    said = house.lithe("recover")
+    rig.config.write_text(text.replace("coulomb_nm = 0.0132", "coulomb_nm = 0.5"))  # stuck
+    rig.run()
+    rig.wait_for(lambda: "not armed" in rig.log())
+    said = rig.lithe("recover")
     assert said.returncode == 3
     assert "recover_failed at joint shoulder: load above the recover torque" in said.stderr
     assert "recover_torque_share" in said.stderr
-    assert house.ask("status")["mode"] == "safe_stop"
+    assert rig.ask("status")["mode"] == "safe_stop"
 
 
 PUSH = """#include <lithe/law.hpp>
@@ -90,29 +90,29 @@ LITHE_LAW(Push, "push");
 """
 
 
-def come_back(house: House) -> None:
+def come_back(rig: RobotRig) -> None:
     """The verbs a person has, and a law that is good."""
-    verb(house, "reset")
-    verb(house, "disarm")
-    assert verb(house, "swap", source=(ROOT / "laws/pd.cpp").read_text(), name="pd.cpp", probation_s=0)["ok"]
+    verb(rig, "reset")
+    verb(rig, "disarm")
+    assert verb(rig, "swap", source=(ROOT / "laws/pd.cpp").read_text(), name="pd.cpp", probation_s=0)["ok"]
     for _ in range(3):  # the way may need more than one verb: a joint that recover has put inside may fall out again
-        if verb(house, "arm")["ok"]:
+        if verb(rig, "arm")["ok"]:
             time.sleep(0.3)
-            if house.ask("status")["mode"] == "active":
+            if rig.ask("status")["mode"] == "active":
                 return
-        verb(house, "recover")
-        house.wait_for(lambda: not house.ask("status")["recovering"], 60)
-    raise AssertionError(f"no way back: {house.ask('status')}")
+        verb(rig, "recover")
+        rig.wait_for(lambda: not rig.ask("status")["recovering"], 60)
+    raise AssertionError(f"no way back: {rig.ask('status')}")
 
 
-def test_random_verbs_and_a_law_that_pushes_never_lead_where_verbs_do_not_lead_back(house: House) -> None:
+def test_random_verbs_and_a_law_that_pushes_never_lead_where_verbs_do_not_lead_back(rig: RobotRig) -> None:
     random = Random(5)
-    house.run("--ungated")
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    rig.run("--ungated")
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
     for _ in range(6):
-        verb(house, "swap", source=PUSH, name="push.cpp", probation_s=0)
+        verb(rig, "swap", source=PUSH, name="push.cpp", probation_s=0)
         for _ in range(random.randrange(1, 6)):
-            verb(house, random.choice(["arm", "disarm", "hold", "reset", "estop", "recover", "rollback"]))
+            verb(rig, random.choice(["arm", "disarm", "hold", "reset", "estop", "recover", "rollback"]))
             time.sleep(random.uniform(0, 0.5))
-        come_back(house)
-    assert house.ask("status")["mode"] == "active"
+        come_back(rig)
+    assert rig.ask("status")["mode"] == "active"

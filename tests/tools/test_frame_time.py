@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from can_oracle import CRC15, CRC17, CRC21, FD_SIZES, CanFrame, OnWire, checksum, fenced, on_wire, stuffed
-from system.house import BIN, need
+from system.robot_rig import BIN, need
 
 FRAMES = 10_000
 

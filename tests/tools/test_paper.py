@@ -33,7 +33,7 @@ def test_every_claim_says_where_it_stands_and_what_shows_it() -> None:
         ("`build/release/bin/ipc_tests`", "without --gtest_filter names no test"),
         ("`pytest tests/system/test_nothing.py`", "there is no file tests/system/test_nothing.py"),
         ("`pytest tests/system/test_cli.py::test_nothing`", "tests/system/test_cli.py has no test test_nothing"),
-        ("`pytest tests/system/house.py`", "tests/system/house.py has no test"),
+        ("`pytest tests/system/robot_rig.py`", "tests/system/robot_rig.py has no test"),
         ("`pytest tests/system`", "there is no file tests/system"),
         ("`python -m tools.nothing`", "no module tools.nothing"),
         ("`python -m bench.isolation --nothing`", "bench.isolation knows no --nothing"),

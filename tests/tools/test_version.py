@@ -5,7 +5,7 @@ import re
 import subprocess
 
 import lithe
-from system.house import BIN, ROOT, need
+from system.robot_rig import BIN, ROOT, need
 
 
 def test_programs_package_and_changelog_have_one_version() -> None:

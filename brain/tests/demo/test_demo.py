@@ -23,7 +23,7 @@ from lithe.demo import __main__ as demo
 from lithe.demo import agent, experiment, moves, recorder, sources
 from lithe.demo.joints import SimJoint
 from lithe.demo.processes import Disturbed, Stage, raise_unless_active
-from system.house import BIN, ROOT, need
+from system.robot_rig import BIN, ROOT, need
 
 pytestmark = pytest.mark.early
 

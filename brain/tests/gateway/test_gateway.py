@@ -22,7 +22,7 @@ from lithe.gateway.client import MOST_REQUEST_BYTES
 from lithe.gateway.parts import parts_of
 from lithe.gateway.token import write_token
 from lithe.remote import Remote
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 from talk import ask, lines
 
 
@@ -92,7 +92,7 @@ def test_one_client_too_many_is_told_so_and_finds_a_place_later(
             return False
         return True
 
-    House.wait_for(there_is_a_place)
+    RobotRig.wait_for(there_is_a_place)
     for client in clients:
         client.close()
     gateway.close()
@@ -280,7 +280,7 @@ def test_an_agent_that_pressed_the_estop_can_reset_and_arm_again(remote: Remote)
     assert remote.call("arm")["mode"] == "active"
 
 
-def test_a_spine_that_does_not_obey_the_estop_is_reported(remote: Remote, robot: lithe.Robot, house: House) -> None:
+def test_a_spine_that_does_not_obey_the_estop_is_reported(remote: Remote, robot: lithe.Robot, rig: RobotRig) -> None:
     spine = int(robot.spine.mapping.header().writer_pid)
     os.kill(spine, signal.SIGSTOP)
     try:
@@ -289,7 +289,7 @@ def test_a_spine_that_does_not_obey_the_estop_is_reported(remote: Remote, robot:
     finally:
         os.kill(spine, signal.SIGCONT)
     assert caught.value.code == "robot_fault"
-    house.wait_for(lambda: remote.call("status")["mode"] == "estop")
+    rig.wait_for(lambda: remote.call("status")["mode"] == "estop")
     remote.call("reset")
 
 
@@ -365,7 +365,7 @@ def test_a_reference_that_the_spine_does_not_follow_is_refused_or_ends_and_says_
     asked = {"kind": "sine", "centre_rad": 0.0, "amplitude_rad": 0.3, "frequency_hz": 1.0, "client_stale_s": 60}
     remote.call("set_reference", **asked)
     remote.call("hold")
-    House.wait_for(lambda: remote.call("reference")["streams"] is False)
+    RobotRig.wait_for(lambda: remote.call("reference")["streams"] is False)
     assert "in mode hold" in remote.call("reference")["ended"]
     for stop in ("hold", "disarm"):
         remote.call(stop)

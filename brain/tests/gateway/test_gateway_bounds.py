@@ -19,7 +19,7 @@ from lithe.gateway import MOST_CLIENTS, Gateway
 from lithe.gateway.lobby import MOST_OF_ONE_ADDRESS
 from lithe.gateway.turns import MOST_UNSENT_BYTES, Turns
 from lithe.remote import Remote
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 from talk import lines
 
 
@@ -111,13 +111,13 @@ def test_who_does_not_read_is_disconnected_and_the_log_says_why(
         assert link.recv(13) == b'{"ok": true}\n'
         link.sendall(b'{"verb": "long"}\n' if number < 2 else ALL.encode() + b"\n")
         links.append(link)
-    House.wait_for(lambda: len(said) >= 2)
+    RobotRig.wait_for(lambda: len(said) >= 2)
     with Remote("127.0.0.1", gateway.port, "sesame") as remote:
         assert remote.call("history", seconds=0.5)["tick"], "others are served meanwhile"
     assert "was disconnected: it left" in said[0] and "unread for 1 s" in said[0]
     for link in links:
         link.close()
-    House.wait_for(lambda: gateway.turns.unsent_bytes == 0)
+    RobotRig.wait_for(lambda: gateway.turns.unsent_bytes == 0)
     gateway.close()
 
 
@@ -182,7 +182,7 @@ def test_long_answers_are_made_one_at_a_time_in_turn() -> None:
             jobs = []
             for number in range(4):
                 jobs.append(pool.submit(read, number))
-                House.wait_for(lambda count=number + 2: len(turns._waiting) == count)
+                RobotRig.wait_for(lambda count=number + 2: len(turns._waiting) == count)
             assert order == []
         for job in jobs:
             job.result()
@@ -201,40 +201,42 @@ def test_what_is_unsent_of_all_clients_together_is_bounded() -> None:
     assert turns.unsent_bytes == 2
 
 
-def gateway_process(house: House, *words: str) -> subprocess.Popen[str]:
+def gateway_process(rig: RobotRig, *words: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "lithe.gateway", *words],
-        env=house.env | {"PYTHONPATH": str(ROOT / "brain")},
+        env=rig.env | {"PYTHONPATH": str(ROOT / "brain")},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     )
 
 
-def test_a_gateway_that_cannot_listen_leaves_the_token_alone(house: House, tmp_path: Path) -> None:
+def test_a_gateway_that_cannot_listen_leaves_the_token_alone(rig: RobotRig, tmp_path: Path) -> None:
     token = tmp_path / "token"
     token.write_text("of another gateway\n")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        second = gateway_process(house, "--port", port, "--token-file", str(token))
+        second = gateway_process(rig, "--port", port, "--token-file", str(token))
         words, _ = second.communicate(timeout=60)
     assert second.returncode == 1 and "choose another host or port" in words, words
     assert token.read_text() == "of another gateway\n"
 
 
 @pytest.mark.parametrize("words", [("--port", "99999"), ("--host", "192.0.2.1")])
-def test_an_address_that_nobody_can_listen_on_is_one_line_not_a_traceback(house: House, words: tuple[str, ...]) -> None:
-    told, _ = (gateway := gateway_process(house, *words)).communicate(timeout=60)
+def test_an_address_that_nobody_can_listen_on_is_one_line_not_a_traceback(
+    rig: RobotRig, words: tuple[str, ...]
+) -> None:
+    told, _ = (gateway := gateway_process(rig, *words)).communicate(timeout=60)
     assert gateway.returncode == 1 and len(told.splitlines()) == 1 and "choose another host or port" in told, told
 
 
-def test_a_token_file_that_a_gateway_serves_with_is_not_overwritten(house: House, tmp_path: Path) -> None:
+def test_a_token_file_that_a_gateway_serves_with_is_not_overwritten(rig: RobotRig, tmp_path: Path) -> None:
     token = tmp_path / "token"
     with token.open("w") as other:
         other.write("of another gateway\n")
         other.flush()
         fcntl.flock(other, fcntl.LOCK_EX)
-        process = gateway_process(house, "--port", "0", "--token-file", str(token))
+        process = gateway_process(rig, "--port", "0", "--token-file", str(token))
         words, _ = process.communicate(timeout=60)
         assert process.returncode == 1 and "--token-file with another name" in words, words
         assert token.read_text() == "of another gateway\n"

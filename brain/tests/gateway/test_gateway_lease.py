@@ -12,7 +12,7 @@ from lithe.errors import Refused
 from lithe.gateway import Gateway
 from lithe.gateway.lease import Lease
 from lithe.remote import Remote
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def test_one_moves_and_the_others_read_until_it_gives_the_right_back(remote: Rem
 def test_a_lease_ends_with_its_client(remote: Remote, other: Remote) -> None:
     remote.call("lease", take=True, seconds=600)
     remote.close()
-    House.wait_for(lambda: other.call("lease")["holder"] is None)
+    RobotRig.wait_for(lambda: other.call("lease")["holder"] is None)
     other.call("publish", **soon(other))
 
 
@@ -82,7 +82,7 @@ def test_a_client_that_names_itself_keeps_its_lease_over_a_connection_that_broke
         with pytest.raises(Refused, match="has the right to move"):
             remote.call("publish", **soon(remote))
         link.close()
-    House.wait_for(lambda: remote.call("lease")["left_s"] <= 10.0)
+    RobotRig.wait_for(lambda: remote.call("lease")["left_s"] <= 10.0)
     third = hello(gateway, secret)
     assert ask(third, "lease", take=True, seconds=60)["ok"]
     for other in ("0123456789abcdeF", "short", 7):

@@ -12,7 +12,7 @@ import pytest
 from lithe.gateway import Gateway, documents
 from lithe.gateway.brief import MOST_BYTES, brief, brief_detail
 from lithe.remote import Remote
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 
 PD = (ROOT / "laws/pd.cpp").read_text()
 SINE = {"kind": "sine", "centre_rad": 0.9, "amplitude_rad": 0.4, "frequency_hz": 1.0, "client_stale_s": 600}
@@ -58,8 +58,8 @@ def test_a_swap_that_waits_for_its_verdict_keeps_no_stop_and_no_other_client_wai
     with socket.create_connection(("127.0.0.1", gateway.port), 90) as link, link.makefile("rb") as file:
         link.sendall(b'{"token": "sesame"}\n' + json.dumps({"id": 1, "verb": "swap", "args": ask}).encode() + b"\n")
         assert json.loads(file.readline())["ok"]
-        House.wait_for(lambda: (remote.call("status")["last_swap"] or {}).get("source") == "slow.cpp")
-        House.wait_for(lambda: remote.call("status")["last_swap"]["verdict"] == "committed")
+        RobotRig.wait_for(lambda: (remote.call("status")["last_swap"] or {}).get("source") == "slow.cpp")
+        RobotRig.wait_for(lambda: remote.call("status")["last_swap"]["verdict"] == "committed")
         assert remote.call("params")["params"], "another client is served meanwhile"
         link.sendall(b'{"id": 2, "verb": "hold"}\n')
         first, second = (json.loads(file.readline()) for _ in range(2))

@@ -10,7 +10,7 @@ import pytest
 from lithe.errors import Refused
 from lithe.remote import Remote
 from lithe.vocabulary import in_verbs
-from system.house import ROOT
+from system.robot_rig import ROOT
 
 COMMAND = re.compile(r"\blithe [a-z]")
 HEADING = re.compile(r"^### `lithe ([a-z]+(?: [a-z]+)?)", re.M)

@@ -20,7 +20,7 @@ from lithe.mcp import permission
 from lithe.mcp.server import MOST_ANSWER_BYTES, MOST_CALLS, MOST_LINE_BYTES, MOST_STOPS, VERSIONS, Server
 from lithe.remote import Remote
 from lithe.vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
-from system.house import ROOT, House
+from system.robot_rig import ROOT, RobotRig
 
 Json = dict[str, Any]
 
@@ -290,16 +290,16 @@ def test_a_reference_ends_with_the_permission(gateway: Gateway, tmp_path: Path) 
         line = {"jsonrpc": "2.0", "id": 1, "method": "tools/call",
                 "params": {"name": "set_reference", "arguments": asked}}  # fmt: skip
         server.line(json.dumps(line).encode(), answers.append)
-        House.wait_for(lambda: len(answers) == 1)
+        RobotRig.wait_for(lambda: len(answers) == 1)
         assert not answers[0]["result"]["isError"], answers
         assert robot.call("reference")["asked"]["kind"] == "sine"
         permission.take_back(permit)
-        House.wait_for(lambda: robot.call("reference")["asked"]["kind"] == "rest")
+        RobotRig.wait_for(lambda: robot.call("reference")["asked"]["kind"] == "rest")
         assert robot.call("reference")["ended"] == "stopped"
         permission.give(permit, 5)
         server.line(json.dumps(line).encode(), answers.append)
         server.finish()
-    House.wait_for(lambda: gateway.references.told()["asked"]["kind"] == "rest")
+    RobotRig.wait_for(lambda: gateway.references.told()["asked"]["kind"] == "rest")
     assert gateway.references.told()["ended"] == "its client has left", "nobody watches the permission any more"
 
 

@@ -22,7 +22,7 @@ from lithe.gateway.token import write_token
 from lithe.mcp.http import MOST_CLIENTS, Endpoint
 from lithe.mcp.server import MOST_LINE_BYTES, Server
 from lithe.vocabulary import BY_NAME
-from system.house import ROOT
+from system.robot_rig import ROOT
 
 Json = dict[str, Any]
 PING = json.dumps({"jsonrpc": "2.0", "id": 7, "method": "ping"}).encode()

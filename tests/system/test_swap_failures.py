@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from system.house import ROOT, House, alive
+from system.robot_rig import ROOT, RobotRig, alive
 from system.swapping import Asks, assert_chained, becomes, certificate, certificates, law, swap_request
 
 # A good law that takes its compiler a second or two.
@@ -57,17 +57,17 @@ def compilers_of(lawd: int) -> list[int]:
     return [pid for pid in found if lawd in (parents.get(pid), parents.get(parents.get(pid, 0)))]
 
 
-def wait_for_source(house: House, text: str) -> None:
+def wait_for_source(rig: RobotRig, text: str) -> None:
     """Until the certificate of a swap with this source is there: it is queued."""
     wanted = hashlib.sha256(text.encode()).hexdigest()
-    house.wait_for(lambda: wanted in {each["source_sha256"] for each in certificates(house)})
+    rig.wait_for(lambda: wanted in {each["source_sha256"] for each in certificates(rig)})
 
 
-def ticks_on(house: House) -> None:
+def ticks_on(rig: RobotRig) -> None:
     """The law that ran goes on: mode active, and time passes."""
-    before = house.ask("status")
-    house.wait_for(lambda: house.ask("status")["tick"] > before["tick"] + 20)
-    assert house.ask("status")["mode"] == "active"
+    before = rig.ask("status")
+    rig.wait_for(lambda: rig.ask("status")["tick"] > before["tick"] + 20)
+    assert rig.ask("status")["mode"] == "active"
 
 
 @contextlib.contextmanager
@@ -81,15 +81,15 @@ def stopped(pid: int) -> Iterator[None]:
 
 
 @pytest.fixture
-def own_cache(house: House) -> House:
+def own_cache(rig: RobotRig) -> RobotRig:
     """Armed, with a law cache of its own: a killed compiler costs nobody else the precompiled contract."""
-    house.env["LITHE_CACHE_DIR"] = str(house.dir / "cache")
-    house.run()
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
-    return house
+    rig.env["LITHE_CACHE_DIR"] = str(rig.dir / "cache")
+    rig.run()
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
+    return rig
 
 
-def test_a_source_that_is_removed_while_it_is_compiled_is_not_missed(arm: House) -> None:
+def test_a_source_that_is_removed_while_it_is_compiled_is_not_missed(arm: RobotRig) -> None:
     """The client read it when it was asked to."""
     path = arm.dir / "mine.cpp"
     text = (ROOT / "laws/gravity_pd.cpp").read_text()
@@ -105,7 +105,7 @@ def test_a_source_that_is_removed_while_it_is_compiled_is_not_missed(arm: House)
     assert_chained(arm)
 
 
-def test_a_compiler_that_is_killed_once_is_run_again(own_cache: House) -> None:
+def test_a_compiler_that_is_killed_once_is_run_again(own_cache: RobotRig) -> None:
     """Whoever killed it (the kernel, short of memory): the law is not to blame, and the service lives."""
     lawd = own_cache.ask("status")["lawd_pid"]
     asked = Asks(own_cache, [slow_request(1)])
@@ -118,7 +118,7 @@ def test_a_compiler_that_is_killed_once_is_run_again(own_cache: House) -> None:
     assert len(list(headers)) == 1, "the contract is precompiled again"
 
 
-def test_a_compiler_that_is_killed_every_time_costs_the_law_it_had(own_cache: House) -> None:
+def test_a_compiler_that_is_killed_every_time_costs_the_law_it_had(own_cache: RobotRig) -> None:
     """The reason names it; the next request is served by the same service."""
     status = own_cache.ask("status")
     asked = Asks(own_cache, [slow_request(2)])
@@ -138,24 +138,24 @@ def test_a_compiler_that_is_killed_every_time_costs_the_law_it_had(own_cache: Ho
 
 
 class SmallDisk:
-    """A disk of its own for one directory of a House, seen by that robot only."""
+    """A disk of its own for one directory of a RobotRig, seen by that robot only."""
 
-    def __init__(self, house: House, name: str, size: str) -> None:
+    def __init__(self, rig: RobotRig, name: str, size: str) -> None:
         """Mounted when the robot starts. Skips where this user may not mount anything."""
-        self.house = house
-        self.dir = house.dir / name
+        self.rig = rig
+        self.dir = rig.dir / name
         self.dir.mkdir()
         words = ["unshare", "-m"] if os.geteuid() == 0 else ["unshare", "-rm"]
         mount = f'mount -t tmpfs -o size={size},mode=0777 tmpfs "$0" && exec "$@"'
-        house.wrapper = [*words, "sh", "-c", mount, str(self.dir)]
-        may = subprocess.run([*house.wrapper, "true"], check=False, capture_output=True, text=True)
+        rig.wrapper = [*words, "sh", "-c", mount, str(self.dir)]
+        may = subprocess.run([*rig.wrapper, "true"], check=False, capture_output=True, text=True)
         if may.returncode != 0:
             pytest.skip(f"no privilege to mount a small disk: {may.stderr.strip()}")
 
     @property
     def seen(self) -> Path:
         """The directory as the robot's supervisor sees it."""
-        return Path(f"/proc/{self.house.ask('status')['supervisor_pid']}/root{self.dir}")
+        return Path(f"/proc/{self.rig.ask('status')['supervisor_pid']}/root{self.dir}")
 
     def fill(self) -> None:
         """To the last byte."""
@@ -172,60 +172,60 @@ class SmallDisk:
             (self.seen / name).unlink()
 
 
-def test_a_full_disk_under_the_law_cache_refuses_the_law_and_says_so(house: House) -> None:
+def test_a_full_disk_under_the_law_cache_refuses_the_law_and_says_so(rig: RobotRig) -> None:
     """Code cache_failed; once there is room the same law is compiled."""
-    disk = SmallDisk(house, "cache", "256m")
-    house.env["LITHE_CACHE_DIR"] = str(disk.dir)
-    house.run()
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    disk = SmallDisk(rig, "cache", "256m")
+    rig.env["LITHE_CACHE_DIR"] = str(disk.dir)
+    rig.run()
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
     disk.fill()
-    error = house.ask("swap", "gravity_pd", code=1)["error"]
+    error = rig.ask("swap", "gravity_pd", code=1)["error"]
     assert error["code"] == "cache_failed" and "full" in error["message"], error
-    told = certificate(house, error["detail"]["swap"]["request_id"])
+    told = certificate(rig, error["detail"]["swap"]["request_id"])
     assert (told["verdict"], told["refused_after"], told["error"]["code"]) == ("refused", "submitted", "cache_failed")
-    assert law(house) == "pd"
-    ticks_on(house)
+    assert law(rig) == "pd"
+    ticks_on(rig)
     disk.clear()
-    assert house.ask("swap", "gravity_pd")["verdict"] == "committed"
-    assert_chained(house)
+    assert rig.ask("swap", "gravity_pd")["verdict"] == "committed"
+    assert_chained(rig)
 
 
-def test_a_full_disk_under_the_certificates_costs_no_swap_and_is_told(house: House) -> None:
+def test_a_full_disk_under_the_certificates_costs_no_swap_and_is_told(rig: RobotRig) -> None:
     """The answer carries the certificate and says that no file could be made; with room again it is made up for."""
-    disk = SmallDisk(house, "out", "256k")
-    house.run()
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    disk = SmallDisk(rig, "out", "256k")
+    rig.run()
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
     swaps = disk.seen / "arm/swaps"
-    house.wait_for(lambda: "measured" in json.loads((swaps / "0001.json").read_text()))
+    rig.wait_for(lambda: "measured" in json.loads((swaps / "0001.json").read_text()))
     disk.fill()
-    done = house.ask("swap", "gravity_pd", "--probation", "3s")
+    done = rig.ask("swap", "gravity_pd", "--probation", "3s")
     assert done["verdict"] == "committed" and "disk full" in done["record_lost"], done
-    assert "disk full" in house.log() and law(house) == "gravity_pd"
-    assert "certificate" in house.lithe("swap", "pd").stdout
-    ticks_on(house)
+    assert "disk full" in rig.log() and law(rig) == "gravity_pd"
+    assert "certificate" in rig.lithe("swap", "pd").stdout
+    ticks_on(rig)
     disk.clear()
-    assert "record_lost" not in house.ask("swap", "gravity_pd")
+    assert "record_lost" not in rig.ask("swap", "gravity_pd")
 
     def made_up_for() -> bool:
         told = [json.loads(path.read_text()) for path in swaps.glob("*.json")]
         return len(told) == 4 and all("measured" in each for each in told)
 
-    house.wait_for(made_up_for)
-    chain = house.ask("law", "verify", "--folder", swaps)
+    rig.wait_for(made_up_for)
+    chain = rig.ask("law", "verify", "--folder", swaps)
     assert chain["holds"] and chain["certificates"] == 4
-    assert house.ask("law", "show", "2", "--folder", swaps)["law"] in ("gravity_pd", "pd")
+    assert rig.ask("law", "show", "2", "--folder", swaps)["law"] in ("gravity_pd", "pd")
 
 
-def test_certificates_that_found_no_room_until_the_end_are_told_as_lost(house: House) -> None:
+def test_certificates_that_found_no_room_until_the_end_are_told_as_lost(rig: RobotRig) -> None:
     """The robot stops in order; the log says how many there were, and where they should have been."""
-    disk = SmallDisk(house, "out", "256k")
-    process = house.run()
-    house.wait_for(lambda: house.ask("status")["mode"] == "active")
+    disk = SmallDisk(rig, "out", "256k")
+    process = rig.run()
+    rig.wait_for(lambda: rig.ask("status")["mode"] == "active")
     disk.fill()
-    assert "record_lost" in house.ask("swap", "gravity_pd")
+    assert "record_lost" in rig.ask("swap", "gravity_pd")
     process.terminate()
     assert process.wait(60) == 0
-    assert f"lost: nothing could be written to {disk.dir}/arm/swaps" in house.log()
+    assert f"lost: nothing could be written to {disk.dir}/arm/swaps" in rig.log()
 
 
 @pytest.mark.alone
@@ -234,7 +234,7 @@ def test_certificates_that_found_no_room_until_the_end_are_told_as_lost(house: H
     [(["gravity_pd"], 6), pytest.param(["gravity_pd", "pd", "hold"], 20, marks=pytest.mark.long)],
 )
 def test_a_loader_that_is_starved_on_its_core_makes_a_swap_slow_and_no_worse(
-    arm: House, names: list[str], load_s: int
+    arm: RobotRig, names: list[str], load_s: int
 ) -> None:
     """Six processes that want its core for themselves; done or refused with a reason, and the law runs."""
     core = arm.ask("status")["cpus"]["housekeeping"]
@@ -263,7 +263,7 @@ def test_a_loader_that_is_starved_on_its_core_makes_a_swap_slow_and_no_worse(
     assert_chained(arm)
 
 
-def test_a_client_that_leaves_in_the_middle_leaves_nothing_half_done(arm: House) -> None:
+def test_a_client_that_leaves_in_the_middle_leaves_nothing_half_done(arm: RobotRig) -> None:
     """What was asked for whole is done and certified; a line without an end was never asked for."""
     before = len(certificates(arm))
     with stopped(arm.ask("status")["lawd_pid"]):
@@ -286,7 +286,7 @@ def test_a_client_that_leaves_in_the_middle_leaves_nothing_half_done(arm: House)
 
 
 @pytest.mark.parametrize("stage", ["submitted", "shadow"])
-def test_a_spine_that_is_killed_ends_the_swap_with_a_reason(arm: House, stage: str) -> None:
+def test_a_spine_that_is_killed_ends_the_swap_with_a_reason(arm: RobotRig, stage: str) -> None:
     """The client hears it, the certificate says it, the supervisor leaves with 3."""
     status = arm.ask("status")
     terms = {"shadow_s": 20.0} if stage == "shadow" else {}
@@ -307,7 +307,7 @@ def test_a_spine_that_is_killed_ends_the_swap_with_a_reason(arm: House, stage: s
     assert_chained(arm)
 
 
-def test_two_clients_with_different_laws_are_served_one_after_the_other(arm: House) -> None:
+def test_two_clients_with_different_laws_are_served_one_after_the_other(arm: RobotRig) -> None:
     """Both laws are committed, each on a tick of its own; the later one runs."""
     clients = [Asks(arm, [swap_request(name)]) for name in ("gravity_pd", "hold")]
     answers = [answer for client in clients for answer in client.wait()]

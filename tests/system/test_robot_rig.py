@@ -7,42 +7,42 @@ import sys
 from pathlib import Path
 
 import pytest
-from system import house as houses
-from system.house import ROOT, House
-from system.janitor import inhabitants
+from system import robot_rig as rigs
+from system.cleanup import processes_of
+from system.robot_rig import ROOT, RobotRig
 
 pytest_plugins = ["pytester"]
 
 TESTS = [path for folder in ("tests", "brain/tests", "examples") for path in (ROOT / folder).rglob("*.py")]
 RUNNER = """
 import sys, time
-from system.house import House
-house = House()
-house.run()
-print(house.prefix, house.dir, flush=True)
+from system.robot_rig import RobotRig
+rig = RobotRig()
+rig.run()
+print(rig.prefix, rig.dir, flush=True)
 time.sleep(600)
 """
 
 
 def test_missing_programs_fail_a_test(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And do not skip it."""
-    monkeypatch.setattr(houses, "BIN", tmp_path)
+    monkeypatch.setattr(rigs, "BIN", tmp_path)
     with pytest.raises(AssertionError, match="no lithe in .*run `make`, or set LITHE_BIN_DIR"):
-        House()
+        RobotRig()
 
 
 def test_a_killed_test_run_leaves_no_robot() -> None:
     """Neither the supervisor nor the Spine, which outlives its parents on purpose, nor a file."""
     paths = f"{ROOT / 'tests'}:{ROOT / 'brain'}"
-    command = ["env", f"PYTHONPATH={paths}", f"LITHE_BIN_DIR={houses.BIN}", sys.executable, "-c", RUNNER]
+    command = ["env", f"PYTHONPATH={paths}", f"LITHE_BIN_DIR={rigs.BIN}", sys.executable, "-c", RUNNER]
     runner = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert runner.stdout is not None
     prefix, directory = runner.stdout.readline().split()
-    assert len(inhabitants(prefix)) >= 3, "supervisor, compile service, Spine"
+    assert len(processes_of(prefix)) >= 3, "supervisor, compile service, Spine"
     runner.kill()
     runner.communicate()
-    House.wait_for(lambda: not Path(directory).exists())
-    assert inhabitants(prefix) == []
+    RobotRig.wait_for(lambda: not Path(directory).exists())
+    assert processes_of(prefix) == []
     assert list(Path("/dev/shm").glob(f"{prefix}.*")) == []
 
 
@@ -89,7 +89,7 @@ COMPUTED = (  # the reason is computed there, and only there
     "test_evolve.py: pytest.skip('Dask is not installed: pip install distributed')",  # 20 packages for one test
     "test_mcp_http.py: pytest.skip('no MCP client of npm: npm install --prefix build/npm @modelcontextprotocol/sdk')",
     "test_first_day.py: pytest.skip('no zsh here (Debian: apt-get install zsh)')",
-    "simulated.py: pytest.skip(house.log().strip().splitlines()[-1])",  # no MuJoCo
+    "simulated.py: pytest.skip(rig.log().strip().splitlines()[-1])",  # no MuJoCo
     # A kernel may refuse one to an ordinary user.
     "test_doctor.py: pytest.skip(f'no user namespace here: {tried.stderr.strip()}')",
     # The doctor judges a robot that runs, too; the script beside it does not. No test leaves one.

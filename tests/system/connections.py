@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The two doors of a robot, as bytes: its control socket and a gateway."""
+"""The two connections of a robot, as bytes: its control socket and a gateway."""
 
 import contextlib
 import json
@@ -10,10 +10,10 @@ from typing import Any
 
 from calm import connected
 from lithe.gateway import Gateway
-from system.house import House
+from system.robot_rig import RobotRig
 
 
-class Door:
+class Connection:
     """A connection that speaks lines."""
 
     def __init__(self, link: socket.socket) -> None:
@@ -34,19 +34,19 @@ class Door:
 
 
 @contextlib.contextmanager
-def both_doors(house: House) -> Iterator[tuple[Door, Door]]:
+def both_connections(rig: RobotRig) -> Iterator[tuple[Connection, Connection]]:
     """The control socket, and a gateway of its own for the robot that runs there."""
     before = dict(os.environ)
-    os.environ.update({key: value for key, value in house.env.items() if key.startswith("LITHE_")})
+    os.environ.update({key: value for key, value in rig.env.items() if key.startswith("LITHE_")})
     try:
         with connected() as robot, socket.socket(socket.AF_UNIX) as near:
-            near.connect(str(house.socket))
+            near.connect(str(rig.socket))
             gateway = Gateway(robot, token="sesame")
             gateway.start()
             with socket.create_connection(("127.0.0.1", gateway.port)) as far:
-                tcp = Door(far)
+                tcp = Connection(far)
                 assert tcp.say(b'{"token": "sesame"}') == {"ok": True}
-                yield Door(near), tcp
+                yield Connection(near), tcp
             gateway.close()
     finally:
         os.environ.clear()

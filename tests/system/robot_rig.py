@@ -24,7 +24,7 @@ def need(*names: str) -> None:
         assert (BIN / name).exists(), f"no {name} in {BIN}: run `make`, or set LITHE_BIN_DIR"
 
 
-class House:
+class RobotRig:
     """Where one robot lives: its directories, its environment, the processes started for it."""
 
     def __init__(self) -> None:
@@ -32,8 +32,8 @@ class House:
         need("lithe", "lithe-spine", "lithe-spine-sim", "lawd")
         self.dir = Path(tempfile.mkdtemp(prefix="lithe-"))
         self.prefix = f"t{self.dir.name[6:]}"
-        janitor = [sys.executable, "-IS", Path(__file__).with_name("janitor.py"), self.prefix, self.dir]
-        self.janitor = subprocess.Popen(janitor, stdin=subprocess.PIPE, start_new_session=True)
+        cleaner = [sys.executable, "-IS", Path(__file__).with_name("cleanup.py"), self.prefix, self.dir]
+        self.cleaner = subprocess.Popen(cleaner, stdin=subprocess.PIPE, start_new_session=True)
         self.env = os.environ | {
             "LITHE_RUN_DIR": str(self.dir / "run"),
             "LITHE_SHM_PREFIX": self.prefix,
@@ -43,7 +43,7 @@ class House:
         self.wrapper: list[str] = []  # what `lithe run` is started through
         self.config = ROOT / "robots" / "arm.toml"
 
-    def __enter__(self) -> "House":
+    def __enter__(self) -> "RobotRig":
         """It is there already."""
         return self
 
@@ -133,7 +133,7 @@ class House:
         for process in self.started:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(20)
-        self.janitor.communicate()
+        self.cleaner.communicate()
         for process in self.started:
             process.wait()
 

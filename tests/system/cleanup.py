@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clears a House away when its owner closes it, or dies: janitor.py PREFIX DIRECTORY, until its input ends.
+"""Clears a RobotRig away when its owner closes it, or dies: cleanup.py PREFIX DIRECTORY, until its input ends.
 
 A Spine outlives its parent on purpose; so nothing less finds all that a killed test run has left.
 """
@@ -13,8 +13,8 @@ import time
 from pathlib import Path
 
 
-def inhabitants(prefix: str) -> list[int]:
-    """Pids of the processes that were started for the House, and of theirs."""
+def processes_of(prefix: str) -> list[int]:
+    """Pids of the processes that were started for the RobotRig, and of theirs."""
     sign = f"LITHE_SHM_PREFIX={prefix}\0".encode()
     found = []
     for place in Path("/proc").glob("[0-9]*"):
@@ -26,7 +26,7 @@ def inhabitants(prefix: str) -> list[int]:
 
 def clear(prefix: str, directory: Path) -> None:
     """Ends every process and removes every file; a process may start another until the last has gone."""
-    while pids := inhabitants(prefix):
+    while pids := processes_of(prefix):
         for pid in pids:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
