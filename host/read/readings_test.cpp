@@ -11,7 +11,6 @@
 #include "host/read/tasks.hpp"
 #include "host/read/words.hpp"
 #include "host/test/machines.hpp"
-#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -19,8 +18,6 @@ namespace {
 using Cpus = std::vector<int>;
 
 TEST(Words, AreReadAsTheKernelWritesThem) {
-  EXPECT_EQ(whole_number("-1"), -1);
-  for (const char* none : {"", "1 ", "x", "1x", "99999999999999999999"}) EXPECT_EQ(whole_number(none), std::nullopt);
   EXPECT_EQ(field_of("a\t: 1\nmodel name\t: x y \n", "model name"), "x y");
   EXPECT_EQ(field_of("a: 1", "b"), "");
   EXPECT_EQ(chosen("always [madvise] never"), "madvise");

@@ -9,8 +9,10 @@
 #include <vector>
 
 #include "spine/core/histogram.hpp"
+#include "spine/core/host/fd.hpp"
 #include "spine/core/host/paths.hpp"
 #include "spine/core/host/realtime.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/test/no_alloc.hpp"
 #include "spine/core/time.hpp"
@@ -113,6 +115,32 @@ TEST(Paths, TheEnvironmentMovesEverything) {
   unsetenv("LITHE_SHM_PREFIX");
   EXPECT_EQ(shm_path("arm", "spine"), "/dev/shm/lithe.arm.spine");
   unsetenv("LITHE_RUN_DIR");
+}
+
+TEST(Lookup, ANumberIsTheWholeTextOrItsStart) {
+  EXPECT_EQ(whole_number("-1"), -1);
+  EXPECT_EQ(whole_number<std::uint64_t>("ff", 16), 255u);
+  for (const char* none : {"", "1 ", "x", "1x", "99999999999999999999"}) EXPECT_EQ(whole_number(none), std::nullopt);
+  for (const char* none : {"-1", "+1", "4294967296"}) EXPECT_EQ(whole_number<unsigned>(none), std::nullopt);
+  EXPECT_EQ(leading_number<int>("12 (discriminator 3)"), 12);
+  for (const char* none : {"", "x1", " 1", "99999999999"}) EXPECT_EQ(leading_number<int>(none), 0);
+}
+
+TEST(Lookup, ListsAndTextsAreSearched) {
+  EXPECT_TRUE(contains(std::vector{1, 3}, 3) && !contains(std::vector{1, 3}, 2));
+  EXPECT_TRUE(has_text("a,b", ",b") && !has_text("a,b", "ba"));
+}
+
+TEST(Descriptor, IsClosedOnceAndHandedOver) {
+  int ends[2];
+  ASSERT_EQ(::pipe(ends), 0);
+  Fd reader(ends[0]), writer(ends[1]), other;
+  other = std::move(writer);
+  EXPECT_FALSE(writer);
+  ASSERT_EQ(other.get(), ends[1]);
+  other.reset();
+  char byte = 0;
+  EXPECT_EQ(::read(reader.get(), &byte, 1), 0) << "its other end is closed";
 }
 
 TEST(Result, CarriesEitherAValueOrTheReason) {

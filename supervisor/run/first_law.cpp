@@ -61,7 +61,7 @@ void Supervisor::compile_first_law() {
            "the compile service does not answer");
 }
 
-// The trial simulates it while the first law is compiled. Without the gates nobody does.
+// The trial simulates it while the first law is compiled. With open gates nobody does.
 void Supervisor::try_safe_law() {
   if (!options_.gates) return;
   const auto answer =

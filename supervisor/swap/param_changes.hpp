@@ -43,7 +43,7 @@ class ParamChanges {
   // All outlive ParamChanges.
   struct Helpers {
     const SpineLink& spine;
-    TrialLink* trial;  // nullptr: the gates are off (--ungated), nothing is tried
+    TrialLink* trial;  // nullptr: the gates are open (--ungated), nothing is tried
     Commands& commands;
     EventLog& log;
     TriedLaws& laws;

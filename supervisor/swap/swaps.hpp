@@ -40,7 +40,7 @@ class Swaps {
   struct Helpers {
     SpineLink& spine;
     LawdLink& lawd;
-    TrialLink* trial;  // nullptr: the gates are off (--ungated), laws are not tried
+    TrialLink* trial;  // nullptr: the gates are open (--ungated), laws are not tried
     Commands& commands;
     EventLog& log;
   };
