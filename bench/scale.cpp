@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The time of an exchange and a tick with 1, 4, 12 and 32 joints: moteus frames on a bus in memory, simulated drives.
 //
-// "exchange": commands out and answers matched, without pauses and without simulated time: the drives read every command
-// and write every answer, but compute no physics. "simulated": the same with a millisecond of physics each, with moving
-// joints. The floor is an exchange without joints. Subjects take turns in short blocks. "transport" and "tick" are from
-// a whole Spine at 1 kHz, in blocks of half a second: the time of its Transport thread and of its tick without the law,
-// in each period. The negative control compares 32 joints with one; they must differ. argv: rounds of the exchanges,
-// rounds of the Spines.
+// "exchange": commands out and answers matched, without pauses and without simulated time: the drives read every
+// command and write every answer, but compute no physics. "simulated": the same with a millisecond of physics each,
+// with moving joints. The floor is an exchange without joints. Subjects take turns in short blocks. "transport" and
+// "tick" are from a whole Spine at 1 kHz, in blocks of half a second: the time of its Transport thread and of its tick
+// without the law, in each period. The negative control compares 32 joints with one; they must differ. argv: rounds of
+// the exchanges, rounds of the Spines.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>

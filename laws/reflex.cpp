@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Reflex: a PD to the setpoint, until a sensor reaches its threshold. In the same tick, faster than any plan, every
 // joint goes back towards where it came from: to its position behind a low-pass of back_s, which a moving joint passed
-// about back_s ago. It has been there, so this is inside its limits. hold_s after the last touch it follows the setpoint
-// again. A sensor that is not valid (NaN) triggers nothing. Params: kp, kd of the PD; sensor is the number of the
-// [[sensor]] in the robot file, from 0 (-1: none); threshold in its unit.
+// about back_s ago. It has been there, so this is inside its limits. hold_s after the last touch it follows the
+// setpoint again. A sensor that is not valid (NaN) triggers nothing. Params: kp, kd of the PD; sensor is the number of
+// the [[sensor]] in the robot file, from 0 (-1: none); threshold in its unit.
 #include <lithe/law.hpp>
 
 struct Reflex {

@@ -11,8 +11,8 @@
 namespace lithe {
 namespace {
 
-// By default a core dump leaves out private mappings of files (core(5)), and the kernel takes the arena for one: gdb would
-// show zeros for a law's code. Without the file (no core dumps in this kernel) there is nothing to do.
+// By default a core dump leaves out private mappings of files (core(5)), and the kernel takes the arena for one: gdb
+// would show zeros for a law's code. Without the file (no core dumps in this kernel) there is nothing to do.
 void keep_arena_in_cores() {
   const Fd filter(::open("/proc/self/coredump_filter", O_WRONLY | O_CLOEXEC));
   if (filter) (void)!::write(filter.get(), "0x37", 4);

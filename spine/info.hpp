@@ -12,8 +12,8 @@
 
 namespace lithe {
 
-// Locks memory and raises the priority. Returns one sentence for each thing that did not work, after those in `known`; empty
-// when all worked.
+// Locks memory and raises the priority. Returns one sentence for each thing that did not work, after those in `known`;
+// empty when all worked.
 std::string describe_host(const std::vector<std::string>& known);
 
 // Facts about the process itself.

@@ -47,8 +47,8 @@ int refuse(int code, const std::string& message) {
   return code;
 }
 
-// Memory around laws: the two sandboxes, which a law may write, and the protected memory (Spine, Slot, Residents), which it may
-// not.
+// Memory around laws: the two sandboxes, which a law may write, and the protected memory (Spine, Slot, Residents),
+// which it may not.
 struct Containment {
   std::unique_ptr<contain::ProtectedMemory> protected_memory;
   law::SandboxMemory ticking, loading;

@@ -16,6 +16,7 @@ ROOT = Path(__file__).parent.parent
 MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 60
 MAX_FOLDER_FILES = 20
+MAX_COLUMNS = 120
 # A corpus: each file is one of many of a kind, complete in itself, and found by its name.
 CORPORA = {
     "tests/laws_hostile": "a law in each that must be refused or contained",
@@ -55,6 +56,17 @@ def check_licence(path: str, text: str) -> Iterator[str]:
     """Files without the licence line among their first three."""
     if NEEDS_SPDX.search(path) and SPDX not in "\n".join(text.splitlines()[:3]):
         yield f"{path}:1: add the line '{SPDX}' as a comment"
+
+
+def check_style(path: str, text: str) -> Iterator[str]:
+    """C++ lines that the formatter leaves as they are: long comments and texts, contracts that nobody finds."""
+    if GENERATED.search(path):
+        return
+    for number, line in enumerate(text.splitlines(), 1):
+        if len(line) > MAX_COLUMNS:
+            yield f"{path}:{number}: {len(line)} columns; {MAX_COLUMNS} at most"
+        if re.search(r"//.*[^/ ] +Contract:", line):
+            yield f"{path}:{number}: 'Contract:' begins a line of its own"
 
 
 def check_unfinished(path: str, text: str) -> Iterator[str]:
@@ -101,6 +113,7 @@ def main(root: Path) -> int:
         if path.endswith((*CPP, ".py")):
             problems += check_lengths(path, text)
         if path.endswith(CPP):
+            problems += check_style(path, text)
             excuses += exemptions(path, text)
     problems += check_folders(paths)
     problems += silent_tests.problems(root, paths)

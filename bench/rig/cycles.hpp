@@ -31,9 +31,9 @@ struct Cycle {
 inline std::int64_t spine_period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz + 0.5); }
 
 // Runs `body(release_ns, woke_ns, skipped, cycle, cycle_before)` at every release as long as `more(release_ns)` holds,
-// and appends a Cycle for each of them. Waits by spinning, if no other way is given: then the time asleep counts as stolen,
-// and only the raw figures mean something. A skipped release has a Cycle too; it is late by the whole time until the next
-// tick that ran.
+// and appends a Cycle for each of them. Waits by spinning, if no other way is given: then the time asleep counts as
+// stolen, and only the raw figures mean something. A skipped release has a Cycle too; it is late by the whole time
+// until the next tick that ran.
 template <class More, class Body>
 void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t phase_ns, More&& more,
                std::vector<Cycle>& cycles, Body&& body, loop::ReleaseWait* wait = nullptr) {

@@ -24,8 +24,8 @@ std::thread on_core(int cpu, std::function<void()> body);
 // Pins the calling thread; ends the program when that is refused.
 void pin_or_exit(int cpu);
 
-// Picks the cores and makes the calling thread like a Spine's: on its core, with its priority and its memory locked. The
-// last two are not required: where they are refused, the figures are those of this machine as it is.
+// Picks the cores and makes the calling thread like a Spine's: on its core, with its priority and its memory locked.
+// The last two are not required: where they are refused, the figures are those of this machine as it is.
 Cores become_a_spine();
 
 // The kernel's counts about the calling thread since its start.

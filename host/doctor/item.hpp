@@ -42,8 +42,8 @@ struct Subject {
 // Reads what every check needs. `measured`: of the same core, if there was a measurement.
 Subject read_subject(const HostFiles& files, int cpu, std::optional<Measured> measured = std::nullopt);
 
-// A check uses nothing but its Subject. Its answer is `unknown` when the deciding file cannot be read, never `ok` when the
-// file is absent, and `not_applicable` only when a file says so.
+// A check uses nothing but its Subject. Its answer is `unknown` when the deciding file cannot be read, never `ok` when
+// the file is absent, and `not_applicable` only when a file says so.
 struct Item {
   int number = 0;  // in docs/host.md
   const char* id = "";

@@ -18,8 +18,8 @@ inline constexpr const char* kAllTasks = "/proc/*/task/*/status";  // as evidenc
 // "(absent)", "(Permission denied)", or the value, shortened.
 std::string shown(const Reading& reading);
 
-// The worst of several states, in the order fail, warn, unknown, ok, not_applicable. Parts of one item must not mix `fail`
-// and `warn`: a file that disappears could then turn one into the other.
+// The worst of several states, in the order fail, warn, unknown, ok, not_applicable. Parts of one item must not mix
+// `fail` and `warn`: a file that disappears could then turn one into the other.
 State worst(std::initializer_list<State> parts);
 
 class Notes {

@@ -32,8 +32,8 @@ struct TierVerdict {
   std::vector<Missing> missing;  // for the next better tier; empty at tier A
 };
 
-// `findings`: of the whole checklist, in its order. A gate needs `ok` or `not_applicable`; `unknown` does not pass it. A
-// measurement has gates of its own.
+// `findings`: of the whole checklist, in its order. A gate needs `ok` or `not_applicable`; `unknown` does not pass it.
+// A measurement has gates of its own.
 TierVerdict judge_tier(const Subject& subject, std::span<const Finding> findings);
 
 }  // namespace lithe::host

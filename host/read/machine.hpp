@@ -28,7 +28,8 @@ Hypervisor hypervisor_of(const HostFiles& files);
 // Stolen time of a core since the boot, in ticks of 1/100 s; nothing when unread.
 std::optional<long long> stolen_ticks(const HostFiles& files, int cpu);
 
-// The running kernel: "6.1.0-18-rt-amd64, PREEMPT_RT", or without the second part. What is unread is said to be unknown.
+// The running kernel: "6.1.0-18-rt-amd64, PREEMPT_RT", or without the second part. What is unread is said to be
+// unknown.
 struct KernelFacts {
   std::string release;              // empty: unread
   std::optional<bool> is_realtime;  // built with PREEMPT_RT; nothing: unread

@@ -9,9 +9,9 @@
 
 namespace lithe::host {
 
-// The settings that differ: interrupts, workqueues, watchdogs, timers, memory scanning, frequency. `cores`: the robot's,
-// ascending. A setting that this kernel does not have is left out; one that cannot be read is `not_done`, with the
-// reason. Only reads.
+// The settings that differ: interrupts, workqueues, watchdogs, timers, memory scanning, frequency. `cores`: the
+// robot's, ascending. A setting that this kernel does not have is left out; one that cannot be read is `not_done`, with
+// the reason. Only reads.
 Plan runtime_plan(const HostFiles& files, const std::vector<int>& cores);
 
 }  // namespace lithe::host

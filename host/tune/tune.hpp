@@ -52,8 +52,8 @@ TunePlan tune_plan(const Target& target);
 // Makes the changes. Errors: a journal cannot be opened (no permission, or another process tunes).
 Result<TuneResult> tune_apply(const Target& target, const std::vector<Change>& changes, const StepHook& hook = {});
 
-// Undoes each change of tune_apply() whose value nobody has changed since, and lowers the shield that a killed robot left.
-// `target.cores` is not used.
+// Undoes each change of tune_apply() whose value nobody has changed since, and lowers the shield that a killed robot
+// left. `target.cores` is not used.
 Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook& hook = {});
 
 }  // namespace lithe::host

@@ -16,8 +16,8 @@ struct Cleaned {
   std::vector<std::string> notes;  // what was taken off or replaced, one sentence each; empty = the text is as sent
 };
 
-// Of several code blocks the one with LITHE_LAW is taken; when none or more than one has it, `out` refuses (gate "text")
-// and the text is as sent. Whatever could be C++ stays, for admission and the compiler.
+// Of several code blocks the one with LITHE_LAW is taken; when none or more than one has it, `out` refuses (gate
+// "text") and the text is as sent. Whatever could be C++ stays, for admission and the compiler.
 // Contract: any bytes are safe · linear in the size of `sent`
 Cleaned clean_source(std::string_view sent, Admission& out);
 

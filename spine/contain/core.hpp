@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The data of a FaultBarrier: shared by run(), the signal handlers on its thread, and the Watchdog. Private to this room.
+// The data of a FaultBarrier: shared by run(), the signal handlers on its thread, and the Watchdog. Private to this
+// room.
 #pragma once
 
 #include <setjmp.h>

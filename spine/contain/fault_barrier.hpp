@@ -48,9 +48,9 @@ class FaultBarrier {
  public:
   using Call = void (*)(void* context);
 
-  // An alternate stack for the handlers, behind a guard page, touched and locked. With a protected memory the FaultBarrier's own data is
-  // in it, and the protected memory is closed while a law runs. The processor's present rounding and denormal modes are the ones
-  // restored later.
+  // An alternate stack for the handlers, behind a guard page, touched and locked. With a protected memory the
+  // FaultBarrier's own data is in it, and the protected memory is closed while a law runs. The processor's present
+  // rounding and denormal modes are the ones restored later.
   static Result<FaultBarrier> open(ProtectedMemory* protected_memory = nullptr);
   FaultBarrier(FaultBarrier&&) = default;
 
@@ -62,12 +62,12 @@ class FaultBarrier {
   // dispatch.
   CallGate dispatch_system_calls();
 
-  // Registers memory that only this thread writes, never during a call. It is compared around every call when the protected memory
-  // has no keys (see ProtectedMemory::guard). Without a protected memory this does nothing.
+  // Registers memory that only this thread writes, never during a call. It is compared around every call when the
+  // protected memory has no keys (see ProtectedMemory::guard). Without a protected memory this does nothing.
   Result<> guard(void* block, std::size_t bytes);
 
-  // Registers with `constants` the data that a handler reads first: it is outside the protected memory and must not change until
-  // the FaultBarrier is destroyed.
+  // Registers with `constants` the data that a handler reads first: it is outside the protected memory and must not
+  // change until the FaultBarrier is destroyed.
   Result<> watch_entrance(Constants& constants);
 
   // Runs call(context). Failure::kind is none when the call returned by itself; otherwise it was ended where it was,

@@ -26,11 +26,12 @@ class LawStack {
  public:
   static Result<LawStack> make();
 
-  // Runs call(context) on it, with the protected memory closed. Returns through the data in `Core`: the law may have overwritten
-  // its whole stack and the callee-saved registers.
+  // Runs call(context) on it, with the protected memory closed. Returns through the data in `Core`: the law may have
+  // overwritten its whole stack and the callee-saved registers.
   void run(FaultBarrier::Call call, void* context) LITHE_RT;
 
-  // To be called after an ended call, and after the last one: tells AddressSanitizer that the abandoned frames are free.
+  // To be called after an ended call, and after the last one: tells AddressSanitizer that the abandoned frames are
+  // free.
   void forget_frames() const LITHE_RT;
 
  private:

@@ -120,8 +120,8 @@ std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns, bool on_ti
   if (watched.protected_memory != nullptr)
     watched.protected_memory->open_for_this_thread();  // the protected memory may be made after this thread
   Core& core = *watched.core;
-  // acquire: partner of the release in FaultBarrier::run(). A later call has a later deadline, so mixing the two values only
-  // delays the end.
+  // acquire: partner of the release in FaultBarrier::run(). A later call has a later deadline, so mixing the two values
+  // only delays the end.
   const std::uint64_t call = core.call.load(std::memory_order_acquire);
   const std::int64_t deadline_ns = core.deadline_ns.load(std::memory_order_relaxed);
   if (deadline_ns != watched.deadline_ns) {  // not `call`: a look rarely comes while a law runs

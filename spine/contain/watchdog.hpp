@@ -32,8 +32,8 @@ struct WatchdogConfig {
 inline constexpr std::size_t kMaxWatched = 4;
 enum class Ask : std::uint8_t;  // core.hpp
 
-// Body of a thread on another core than the FaultBarriers', with the same priority: while it does not run, an endless law is
-// not ended. From the first look on, a call is charged with the CPU time of its thread: a call whose thread was
+// Body of a thread on another core than the FaultBarriers', with the same priority: while it does not run, an endless
+// law is not ended. From the first look on, a call is charged with the CPU time of its thread: a call whose thread was
 // preempted past the deadline may continue; a call that waits in the kernel ends after `most_wall_ns`. Time before the
 // first look counts as CPU time, unless the Watchdog was late itself. When a hypervisor takes the core, the thread's
 // CPU clock runs on. So a call that has used up its budget first gets a notice: a signal whose handler returns, which

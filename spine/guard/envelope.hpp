@@ -19,13 +19,13 @@ struct Measured {
 };
 
 // Selects a torque in the range that the slew bound allows:
-// 1. The torque nearest to the wanted one with which the joint still stops before its position limits and stays below its
-//    velocity limit.
+// 1. The torque nearest to the wanted one with which the joint still stops before its position limits and stays below
+//    its velocity limit.
 // 2. "Still stops" assumes the worst: the largest load pushes outwards from now on; torques in flight act until the new
 //    one does; the new one acts until the next one; then the torque falls to full braking at the slew bound
 //    (robot/limits/stopping.hpp).
-// 3. If no torque stops the joint: the one that brakes hardest. If that would carry the joint to the opposite limit: the
-//    one that stays equally far from both.
+// 3. If no torque stops the joint: the one that brakes hardest. If that would carry the joint to the opposite limit:
+//    the one that stays equally far from both.
 // 4. Beyond a limit: a torque with which the joint goes no farther, and comes back slowly.
 // 5. In flight are also what the drive adds by itself: its PD between two commands, and its lag.
 // Contract: RT after configure() · one thread · bounded work

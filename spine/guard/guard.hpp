@@ -61,7 +61,8 @@ struct Group {
 // the position that the guard predicts for that moment) changes by at most torque_slew_nm_s / rate_hz. This holds for a
 // law, the next law of a swap, and the safe law. A drive that is asked in every Nth tick gets N such steps at once. The
 // prediction has errors: under adversarial laws the simulated joint felt up to 2.1 (arm), 2.0 (frankenstein) and
-// 4 (chain; 6 if every drive is asked in every tick at 4 to 10 kHz) times that step (tests/limits). Disarming and e-stop have no slew.
+// 4 (chain; 6 if every drive is asked in every tick at 4 to 10 kHz) times that step (tests/limits). Disarming and
+// e-stop have no slew.
 //
 // A joint without a usable sample is braked by its drive, which knows its own velocity: the feed-forward fades, then
 // damping grows to safe_kd_nm_s_rad, both within the slew bound up to the speed that is a fault.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interface to the simulated devices of a robot. spine/hal/sim implements it; a program that drives real buses only does
-// not link that.
+// Interface to the simulated devices of a robot. spine/hal/sim implements it; a program that drives real buses only
+// does not link that.
 #pragma once
 
 #include <cstddef>

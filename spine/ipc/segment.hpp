@@ -38,8 +38,8 @@ class Lease {
 
 enum class Access { read, write };
 
-// A fresh object of `bytes` zeros and a filled header, built under a temporary name and renamed, so that no process sees
-// it incomplete. Mode 0660, group `lithe` where there is one.
+// A fresh object of `bytes` zeros and a filled header, built under a temporary name and renamed, so that no process
+// sees it incomplete. Mode 0660, group `lithe` where there is one.
 Result<Mapping> create_mapping(const std::string& path, std::size_t bytes);
 // Maps what is there after checking magic, size and layout. A different layout is refused with the fields that differ.
 Result<Mapping> attach_mapping(const std::string& path, std::size_t bytes, Access access);

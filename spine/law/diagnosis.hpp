@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is wrong with a law's control of one joint. Computed from measured values, never from the law's text. For the trial
-// and the supervisor, off the tick.
+// What is wrong with a law's control of one joint. Computed from measured values, never from the law's text. For the
+// trial and the supervisor, off the tick.
 #pragma once
 
 #include <array>

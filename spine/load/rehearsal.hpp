@@ -18,8 +18,8 @@ namespace lithe::load {
 // Ticks a law may look back on: two seconds at 1 kHz.
 inline constexpr std::uint32_t kMostPast = 2048;
 
-// Contract: Loader thread only · allocates when made, never after · without a FaultBarrier, a law that crashes here ends the
-// process
+// Contract: Loader thread only · allocates when made, never after · without a FaultBarrier, a law that crashes here
+// ends the process
 class Rehearsal {
  public:
   // `joints` and `dt_s` are the robot's; `sandbox` is the Loader's own.

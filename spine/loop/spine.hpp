@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Spine: the loop around the control step (spine/step). It waits for releases, passes commands and samples, reads the
-// requests of other processes, and publishes. The tick itself is in tick.cpp.
+// The Spine: the loop around the control step (spine/step). It waits for releases, passes commands and samples, reads
+// the requests of other processes, and publishes. The tick itself is in tick.cpp.
 #pragma once
 
 #include <atomic>

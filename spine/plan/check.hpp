@@ -23,8 +23,8 @@ struct Limits {
   std::size_t joints = 0;
 };
 
-// Replaces a plan's values for a stopped joint by rest at `position_rad`. Else they could get the plan refused for the other
-// joints as well.
+// Replaces a plan's values for a stopped joint by rest at `position_rad`. Else they could get the plan refused for the
+// other joints as well.
 // Contract: RT · any bytes of a plan are safe
 void rest_joint(wire::Plan& plan, std::size_t joint, double position_rad) LITHE_RT;
 

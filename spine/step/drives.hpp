@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The part of a command that the guard does not decide: torque, damping, brake or off; clear a fault; reset a simulation.
+// The part of a command that the guard does not decide: torque, damping, brake or off; clear a fault; reset a
+// simulation.
 #pragma once
 
 #include <algorithm>

@@ -46,8 +46,8 @@ class Probation {
 
   // To be called when a law was committed. It is compared with the time before.
   void start(const law::Terms& terms) LITHE_RT;
-  // To be called when this command has set parameters of the active law. They are compared likewise, for the duration in
-  // the robot file. While the law itself is on probation, it and the values are judged together.
+  // To be called when this command has set parameters of the active law. They are compared likewise, for the duration
+  // in the robot file. While the law itself is on probation, it and the values are judged together.
   void start_params(std::uint64_t request_id) LITHE_RT;
   std::uint64_t params_request_id() const LITHE_RT { return params_request_id_; }
   // Another law runs.

@@ -80,8 +80,8 @@ void ControlStep::look(const Input& in) LITHE_RT {
     in_.position_rad[j] = sample.position_rad[j];
     in_.velocity_rad_s[j] = sample.velocity_rad_s[j];
     in_.torque_nm[j] = sample.torque_nm[j];
-    // For a joint that the guard has stopped, the setpoint is its measured position: so a law's integrator does not wind
-    // up, and the law is not blamed for the error.
+    // For a joint that the guard has stopped, the setpoint is its measured position: so a law's integrator does not
+    // wind up, and the law is not blamed for the error.
     const bool stopped = guard_.stopped(j);
     in_.setpoint_position_rad[j] = stopped ? sample.position_rad[j] : planned.position_rad[j];
     in_.setpoint_velocity_rad_s[j] = stopped ? 0.0 : planned.velocity_rad_s[j];

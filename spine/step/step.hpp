@@ -50,8 +50,8 @@ class ControlStep {
   ControlStep(const ControlStep&) = delete;
   ControlStep& operator=(const ControlStep&) = delete;
 
-  // Output: `command` is u_{k+1}; `record` is this tick's telemetry, except for release, durations and counters, which the
-  // loop fills in. The report is valid until the next call.
+  // Output: `command` is u_{k+1}; `record` is this tick's telemetry, except for release, durations and counters, which
+  // the loop fills in. The report is valid until the next call.
   const Report& run(const Input& in, Host& host, hal::ActuatorCommand& command, wire::Telemetry& record) LITHE_RT;
 
   wire::Mode mode() const LITHE_RT { return mode_.mode(); }

@@ -60,8 +60,8 @@ int run_robot(const RunOptions& options) {
   spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
   auto config = robot::load_robot(options.config_path);
   if (!config) return refuse({"bad_config", config.message(), "correct the file"}, 2, options.json);
-  // First: what a killed robot's shield left narrows the cores that we may use. A robot that lives on keeps it until it is
-  // raised anew, or stays without.
+  // First: what a killed robot's shield left narrows the cores that we may use. A robot that lives on keeps it until it
+  // is raised anew, or stays without.
   if (!live_spine(config->name) || !options.shield) {
     const auto left = host::Shield::lower_left_over();
     if (!left && options.shield)

@@ -12,8 +12,8 @@ namespace lithe::control {
 enum class Drives { driven, damped, off };
 
 // The most active state of all drives. A drive that did not answer in this record counts as driven, because its state
-// is unknown. Damped: the drive brakes its joint by itself, after an e-stop or a watchdog timeout. A drive with a fault is
-// off.
+// is unknown. Damped: the drive brakes its joint by itself, after an e-stop or a watchdog timeout. A drive with a fault
+// is off.
 Drives drives_of(const wire::Telemetry& now);
 
 // Names of the joints whose drives are not off, for a message.

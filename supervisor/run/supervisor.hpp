@@ -35,7 +35,7 @@ struct RunOptions {
   bool arm = true;      // arm once the law runs
   bool json = false;    // announce in JSON on stdout
   bool shield = false;  // keep all other tasks off the Spine's core for the life of the robot
-  bool gates = true;    // false: they are open (--ungated): no admission, no dry run, no trial; for tests of containment only
+  bool gates = true;    // false: no admission, no dry run, no trial (--ungated); for tests of containment only
 };
 
 // Checks, starts, serves until SIGINT, SIGTERM or a shutdown request, stops. Returns the exit code of `lithe run`:

@@ -45,8 +45,8 @@ class LawLifecycle {
   void on_event(const wire::Event& event);
   // Sets a section in the certificate of a law that is still in the Spine.
   void note(std::uint64_t request_id, const std::string& section, Json what);
-  // How a resident law did: its verdict and, once measured, rms_error_rad by joint, clamped and missed_ticks. Null: it is
-  // not known, such as one that an earlier supervisor swapped in.
+  // How a resident law did: its verdict and, once measured, rms_error_rad by joint, clamped and missed_ticks. Null: it
+  // is not known, such as one that an earlier supervisor swapped in.
   Json score_of(std::uint32_t law_id) const;
   // The newest law faults (at most kFaultsKept), oldest first, as in their certificates.
   const Json& faults() const { return told_; }

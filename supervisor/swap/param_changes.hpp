@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Parameters of a law: those of a swap, and changes of the running law's, which are tried like a swap, set on one tick, followed until they are confirmed.
+// Parameters of a law: those of a swap, and changes of the running law's, which are tried like a swap, set on one tick,
+// followed until they are confirmed.
 #pragma once
 
 #include <cstdint>

@@ -157,8 +157,8 @@ struct Part {
 constexpr std::uint64_t kRuns = 1000;
 void PrintTo(const Part& part, std::ostream* out) { *out << part.robot << " from run " << part.from; }
 
-// What ten thousand runs showed, and a little more (docs/adr/0014, docs/swap.md). Links of a light chain are thrown about
-// by each other's motors, with more than any declared load.
+// What ten thousand runs showed, and a little more (docs/adr/0014, docs/swap.md). Links of a light chain are thrown
+// about by each other's motors, with more than any declared load.
 struct Bounds {
   double overrun_rad;  // beyond a position limit
   double speed_share;  // of the speed that is a fault

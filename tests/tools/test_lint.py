@@ -70,3 +70,19 @@ def test_unfinished_work_is_refused() -> None:
 def test_every_exemption_is_listed_with_its_reason() -> None:
     text = 'int a;\nLITHE_RT_EXEMPT("one bounded send", { send(); });\n'
     assert list(lint.exemptions("spine/hal/bus/can.cpp", text)) == ["spine/hal/bus/can.cpp:2: one bounded send"]
+
+
+def style(text: str, path: str = "spine/a.cpp") -> list[str]:
+    return [problem.split(": ", 1)[1] for problem in lint.check_style(path, text)]
+
+
+def test_a_line_over_120_columns_is_refused_in_a_comment_and_in_code() -> None:
+    assert style(f"// {'é' * 117}\n") == []
+    assert style(f"// {'x' * 118}\n") == ["121 columns; 120 at most"]
+    assert style(f'  call("{"x" * 110}");\n') == ["121 columns; 120 at most"]
+    assert style(f"// {'x' * 118}\n", "spine/wire/wire.hpp") == [], "generated"
+
+
+def test_a_contract_begins_a_line() -> None:
+    assert style("// Reads it.\n// Contract: RT\n// a  Contracts: x\n") == []
+    assert style("// Reads it. Contract: RT\n") == ["'Contract:' begins a line of its own"]

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Blocks the system calls of a child without a seccomp filter. When a filter is freed, the kernel interrupts every core, the
-// Spine's as well (once per trial, measured on Linux 6.18).
+// Blocks the system calls of a child without a seccomp filter. When a filter is freed, the kernel interrupts every
+// core, the Spine's as well (once per trial, measured on Linux 6.18).
 #pragma once
 
 #include "spine/core/result.hpp"

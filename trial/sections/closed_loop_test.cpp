@@ -285,8 +285,8 @@ TEST(SimulatedRun, BothRunsAreTheSameEachTime) {
   EXPECT_NE(one.report.rough.rms_error_rad, one.report.loop.rms_error_rad);
 }
 
-// What a law sees of joint 0 in each of the two runs: how much a value jumps from tick to tick (second differences), and
-// the mean error of the last third.
+// What a law sees of joint 0 in each of the two runs: how much a value jumps from tick to tick (second differences),
+// and the mean error of the last third.
 struct Seen {
   std::array<double, 3> position_rad{}, velocity_rad_s{};
   double position_jumps = 0, velocity_jumps = 0, error_rad = 0;

@@ -37,12 +37,12 @@ struct Rough {
 // The robot with every mass in its plant made heavier by Rough::kPayload.
 robot::RobotConfig with_payload(const robot::RobotConfig& robot);
 
-// Opens the simulated robot and runs it until every drive is configured and on. Errors: it cannot be simulated, or a drive
-// does not get ready.
+// Opens the simulated robot and runs it until every drive is configured and on. Errors: it cannot be simulated, or a
+// drive does not get ready.
 Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated);
 
-// Moves every joint that starts at or outside a position limit inside. The guard would stop it in the first tick, and the
-// law would not be tried.
+// Moves every joint that starts at or outside a position limit inside. The guard would stop it in the first tick, and
+// the law would not be tried.
 void start_inside(robot::RobotConfig& robot);
 
 // Source of the torques in a run: the law under trial, or a replacement (none, the safe law).
@@ -73,8 +73,8 @@ class SimulatedRun {
   // good, or a joint shakes.
   bool tick(TorqueSource& source);
 
-  // From now on the Brain is silent. A robot with on_stale = "safe_stop" is stopped by the safe law; faults end nothing,
-  // and what shook before is forgotten.
+  // From now on the Brain is silent. A robot with on_stale = "safe_stop" is stopped by the safe law; faults end
+  // nothing, and what shook before is forgotten.
   void stop();
 
   const hal::ActuatorState& state() const { return state_; }  // as the drives tell it

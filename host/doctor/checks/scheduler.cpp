@@ -44,7 +44,8 @@ Domains read_domains(const Subject& subject, const std::string& text) {
   return domains;
 }
 
-// Whether cgroup v1 has taken the core out of the balancing: the root balances nothing, and no group with the core does.
+// Whether cgroup v1 has taken the core out of the balancing: the root balances nothing, and no group with the core
+// does.
 bool is_out_of_v1(const Subject& subject, Notes& notes) {
   if (subject.files.read(kV1Balance).value != "0") return false;
   notes.read(kV1Balance);

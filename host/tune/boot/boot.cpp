@@ -50,7 +50,8 @@ Result<> check_cores(const BootCores& cores) {
   return done();
 }
 
-// A boot file's exact bytes. Not through a link: below a root it may lead out of it, and it may be another file at boot.
+// A boot file's exact bytes. Not through a link: below a root it may lead out of it, and it may be another file at
+// boot.
 Result<std::string> read_boot(const HostFiles& files, const std::string& path) {
   std::error_code ignored;
   if (fs::is_symlink(files.root() + path, ignored)) {

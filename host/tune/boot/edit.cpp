@@ -20,7 +20,8 @@ Error refusal(const std::string& where, const std::string& what) {
   return Error{fmt::format("{}: {}: nothing is written. Correct the file and plan again", where, what)};
 }
 
-// A line of extlinux.conf: "APPEND root=..." has the word "append" and an argument that begins at an offset of the file.
+// A line of extlinux.conf: "APPEND root=..." has the word "append" and an argument that begins at an offset of the
+// file.
 struct ExtlinuxLine {
   std::size_t number;
   std::string word;

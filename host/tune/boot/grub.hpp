@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Flags for the kernel in GRUB's files (Debian, Ubuntu). They are added in lines of our own, after the user's; none of the
-// user's lines is changed.
+// Flags for the kernel in GRUB's files (Debian, Ubuntu). They are added in lines of our own, after the user's; none of
+// the user's lines is changed.
 // Off the tick.
 #pragma once
 

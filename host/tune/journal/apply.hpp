@@ -38,8 +38,8 @@ Outcome outcome_of(const Change& change, int error);
 // journal's: then nothing more was changed.
 Result<std::vector<Step>> apply(Journal& journal, const Writer& writer, const std::vector<Change>& changes);
 
-// Undoes the journal, last change first, and removes it when nothing is left in it. `forget`: what somebody else changed
-// is dropped from the journal, and left as it is.
+// Undoes the journal, last change first, and removes it when nothing is left in it. `forget`: what somebody else
+// changed is dropped from the journal, and left as it is.
 Result<std::vector<Step>> revert(Journal& journal, const Writer& writer, bool forget = false);
 
 // Undoes these entries alone, last first; keeps the journal.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The journal of changes. An entry is on disk before its change is made, so that the next process can undo what a killed
-// one did.
+// The journal of changes. An entry is on disk before its change is made, so that the next process can undo what a
+// killed one did.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,8 @@
 
 namespace lithe::host {
 
-// One change that is not undone yet. Several changes of one path are one entry: the first value before, every value after.
+// One change that is not undone yet. Several changes of one path are one entry: the first value before, every value
+// after.
 struct Entry {
   std::uint64_t number = 0;
   Change change{};                  // `before` and `was_absent`: of the first
@@ -30,9 +31,9 @@ struct Entry {
 // Contract: one process at a time, by flock(2), for as long as the object lives · one thread
 class Journal {
  public:
-  // `boot`: the entries are of this boot only, those of another are void; "": they are of files that survive it. `make`:
-  // makes the file and its folder where there are none; else an absent journal is an empty one. Errors: no permission, or
-  // another process holds it.
+  // `boot`: the entries are of this boot only, those of another are void; "": they are of files that survive it.
+  // `make`: makes the file and its folder where there are none; else an absent journal is an empty one. Errors: no
+  // permission, or another process holds it.
   static Result<Journal> open(const std::string& path, const std::string& boot, bool make, StepHook hook = {});
 
   Result<std::uint64_t> begin(const Change& change);

@@ -115,7 +115,8 @@ std::vector<Change> partition_plan(const HostFiles& files, const std::vector<int
       part(ChangeKind::setting, in_group("cpuset.cpus"), "", cpu_list(cores), "it has the robot's cores"));
   changes.push_back(part(ChangeKind::setting, in_group("cpuset.cpus.partition"), "member", "isolated",
                          "no other task gets these cores, also if it asks for them"));
-  // systemd turns a controller off at the root when no unit of its own needs it; the kernel refuses while a child uses it.
+  // systemd turns a controller off at the root when no unit of its own needs it; the kernel refuses while a child uses
+  // it.
   changes.push_back(part(ChangeKind::controller, in_group("cgroup.subtree_control"), "", "cpuset",
                          "keeps others from ending the partition without a word"));
   return changes;

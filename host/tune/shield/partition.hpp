@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The isolated partition of cgroup v2: the kernel itself keeps every other task off a robot's cores, also one that asks
-// for them. One group of threads below the root (spine/core/host/shield_group.hpp); no group of somebody else is touched.
+// for them. One group of threads below the root (spine/core/host/shield_group.hpp); no group of somebody else is
+// touched.
 #pragma once
 
 #include <string>

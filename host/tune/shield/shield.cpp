@@ -67,7 +67,8 @@ bool is_of_lithe(const Task& task) {
   return task.is_spine() || task.name == "lithe" || task.name == "lawd" || task.name == "lithe-trial";
 }
 
-// Tasks that started while the shield was up inherited the narrow mask of their parents; kernel threads have no parents.
+// Tasks that started while the shield was up inherited the narrow mask of their parents; kernel threads have no
+// parents.
 std::vector<std::string> widen_the_born(const Writer& writer, const Moves& moves, const std::vector<int>& only) {
   if (moves.tasks.empty()) return {};
   const std::vector<Task> tasks = read_tasks(HostFiles(), only).all;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Keeps other tasks off a robot's cores while one process lives. Its end undoes this; after a kill, the next shield does.
+// Keeps other tasks off a robot's cores while one process lives. Its end undoes this; after a kill, the next shield
+// does.
 #pragma once
 
 #include <cstddef>
@@ -45,15 +46,16 @@ struct Lowered {
       born{};  // tasks started while the shield was up; they may use its cores again: "cc1plus 4711"
 };
 
-// "tasks started while the shield was up have all cores again: cc1plus 4711, make 4700 and 3 more; ..."; empty when there are
-// none. A task that chose exactly the shield's cores itself looks like one that inherited them, so they are named.
+// "tasks started while the shield was up have all cores again: cc1plus 4711, make 4700 and 3 more; ..."; empty when
+// there are none. A task that chose exactly the shield's cores itself looks like one that inherited them, so they are
+// named.
 std::string born_words(const Lowered& lowered);
 
 // Contract: one thread. The destructor lowers the shield; a kill leaves the journal.
 class Shield {
  public:
-  // Undoes what a killed holder left, then raises a new one. Errors: another process holds a shield; no permission (then
-  // nothing stays changed).
+  // Undoes what a killed holder left, then raises a new one. Errors: another process holds a shield; no permission
+  // (then nothing stays changed).
   static Result<Shield> raise(const ShieldOptions& options);
 
   // Undoes what a killed holder left, whatever its cores were. An error when a living process holds it.

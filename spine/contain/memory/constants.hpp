@@ -37,7 +37,8 @@ inline constexpr std::size_t kMaxConstants = 24;
 
 // Memory that does not change while the robot runs but cannot be read-only: each block is hashed when it is registered,
 // and compared on the housekeeping core. Damage is latched: other memory may be damaged too.
-// Contract: watch(), forget() and look() off the tick, any thread · damaged() RT, any thread · lies in the protected memory
+// Contract: watch(), forget() and look() off the tick, any thread · damaged() RT, any thread · lies in the protected
+// memory
 class Constants {
  public:
   Constants() = default;

@@ -14,7 +14,8 @@
 #include "spine/wire/wire.hpp"
 
 // A sanitizer would report these before the processor does.
-// A function keeps its own address also where all its callers are compiled with it: a test compares that with a fault's.
+// A function keeps its own address also where all its callers are compiled with it: a test compares that with a
+// fault's.
 #if defined(__clang__)
 #define LITHE_BAD [[gnu::noinline, gnu::no_sanitize("address"), gnu::no_sanitize("undefined")]] inline
 #else

@@ -19,7 +19,8 @@ struct Interrupt {
 Result<std::vector<Interrupt>> device_interrupts(const std::string& root = "");
 
 // The device interrupts that the kernel may send to a core, as their masks say now, ascending. An error, which names
-// the file, when the mask of one of them cannot be read: nobody knows then. `root` holds the files of the kernel, /proc.
+// the file, when the mask of one of them cannot be read: nobody knows then. `root` holds the files of the kernel,
+// /proc.
 Result<std::vector<Interrupt>> interrupts_of(int cpu, const std::string& root = "");
 
 // "2 device interrupts may land there: 24 eth0, 25 eth1"; names eight at most.

@@ -39,8 +39,8 @@ inline bool is_emulated() {
   return ours != EM_NONE && executed != EM_NONE && executed != ours;
 }
 
-// Why no law can be tried here; "" when it can. A trial runs behind a filter of system calls (seccomp), and qemu-user, as
-// some kernels, has none.
+// Why no law can be tried here; "" when it can. A trial runs behind a filter of system calls (seccomp), and qemu-user,
+// as some kernels, has none.
 inline std::string why_no_trial() {
   return ::prctl(PR_GET_SECCOMP) >= 0 ? ""
                                       : "this system has no filters of system calls, without which no law is tried";
@@ -58,8 +58,8 @@ inline std::string why_memory_is_unlimited() {
 }
 
 // Why the second piece of code at an address, written through another mapping, is not what runs there; "" when it is.
-// AArch64 has an instruction for that (IC IVAU); qemu-user before 8.1 does nothing for it. A real core that runs the old
-// code is no reason to skip a test.
+// AArch64 has an instruction for that (IC IVAU); qemu-user before 8.1 does nothing for it. A real core that runs the
+// old code is no reason to skip a test.
 inline std::string why_code_stays_old() {
 #if defined(__aarch64__)
   constexpr std::size_t kBytes = 65536;
@@ -83,8 +83,8 @@ inline std::string why_code_stays_old() {
   return "";
 }
 
-// Why a child still has memory that its parent keeps from it (MADV_DONTFORK); "" when it has not. Tried: a child touches
-// such a page, and ends by it or not. qemu-user forgets it; a kernel that does is no reason to skip a test.
+// Why a child still has memory that its parent keeps from it (MADV_DONTFORK); "" when it has not. Tried: a child
+// touches such a page, and ends by it or not. qemu-user forgets it; a kernel that does is no reason to skip a test.
 inline std::string why_children_keep_memory() {
   constexpr std::size_t kBytes = 65536;
   const Mapping page(::mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0), kBytes);
@@ -99,9 +99,9 @@ inline std::string why_children_keep_memory() {
   return WIFEXITED(status) && is_emulated() ? "MADV_DONTFORK has no effect in this qemu-user" : "";
 }
 
-// Why a thread needs more than `limit_ns` of its CPU time to take a signal and to come back from its handler; "" when it
-// does not. Tried: it sends itself twenty, and the fastest counts. A real kernel that is so slow is no reason to skip a
-// test.
+// Why a thread needs more than `limit_ns` of its CPU time to take a signal and to come back from its handler; "" when
+// it does not. Tried: it sends itself twenty, and the fastest counts. A real kernel that is so slow is no reason to
+// skip a test.
 inline std::string why_signals_are_slow(std::int64_t limit_ns) {
   if (!is_emulated()) return "";
   const auto now_ns = [] {

@@ -17,7 +17,8 @@ struct RawDemand {
 };
 
 // The change from one setpoint to the next is bounded for any command:
-//   torque     the PD loop of the command, closed on the last sample. From the moment the drive is on, the allowed torque
+//   torque     the PD loop of the command, closed on the last sample. From the moment the drive is on, the allowed
+//   torque
 //              grows from 0 by the joint's torque slew, or its soft start, whichever is slower: the command has grown
 //              since the robot was armed, and drives take time to switch on.
 //   position   at most the joint's largest velocity. To a target that jumped it accelerates and decelerates by the

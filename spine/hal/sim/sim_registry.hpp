@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulated side of each kind of device, one row each, and the adapters of simulated buses. The drivers' rows are in spine/hal/registry.hpp.
+// The simulated side of each kind of device, one row each, and the adapters of simulated buses. The drivers' rows are
+// in spine/hal/registry.hpp.
 #pragma once
 
 #include <cstdint>

@@ -184,7 +184,8 @@ TEST_F(LawsTest, ALawThatGivesNoNumberIsReplacedAndTheJointNamed) {
   }
 }
 
-// The machine takes the tick away for 0.1 s: the setpoint is 0.4 rad further when the law is back, through no fault of its.
+// The machine takes the tick away for 0.1 s: the setpoint is 0.4 rad further when the law is back, through no fault of
+// its.
 TEST_F(LawsTest, APauseOfTheMachineIsNotBlamedOnTheLaw) {
   arm_with(kPd);
   terms_.probation_ticks = 1000;

@@ -253,7 +253,8 @@ TEST_F(TickTest, SkippedReleasesAreCounted) {
   EXPECT_EQ(record_.flags & wire::telemetry_flag::kDeadlineMissed, 0u);
 }
 
-// The same robot, whose file calls a missed deadline a fault. Its ticks are long, so that none of this test misses its own.
+// The same robot, whose file calls a missed deadline a fault. Its ticks are long, so that none of this test misses its
+// own.
 class MissedDeadlineTest : public testing::Test, protected TickBench {
  protected:
   MissedDeadlineTest() : TickBench(robot_that_stops()) {}

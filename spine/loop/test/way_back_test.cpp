@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From wherever verbs and bad laws can bring a robot with healthy drives, verbs alone bring it back to its law: robots of
-// one to four joints, with drives of both kinds, at 250 Hz to 4 kHz.
+// From wherever verbs and bad laws can bring a robot with healthy drives, verbs alone bring it back to its law: robots
+// of one to four joints, with drives of both kinds, at 250 Hz to 4 kHz.
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The guard's model of a joint: worst load, inertia, delay. Fills in what the robot file leaves out, and checks whether the
-// guard can keep the limits with it.
+// The guard's model of a joint: worst load, inertia, delay. Fills in what the robot file leaves out, and checks whether
+// the guard can keep the limits with it.
 #pragma once
 
 #include "spine/robot/config.hpp"

@@ -162,7 +162,8 @@ int tune_shield(const Context&, const TuneWords& words) {
   const auto left = host::Shield::lower_left_over();
   if (!left) throw control::Refusal{"no_shield", left.message(), "wait for its end, or stop it"};
   const host::Target target = target_of(words);
-  // The kernel moves no task away from a core that it no longer balances: this process and the command must leave it first.
+  // The kernel moves no task away from a core that it no longer balances: this process and the command must leave it
+  // first.
   leave_cores(target.all_cores, target.cores);
   auto shield = host::Shield::raise({.cores = target.cores, .leave = {::getpid()}, .partition = words.partition});
   leave_cores(target.all_cores, {});

@@ -29,8 +29,8 @@ Error cannot_write(const fs::path& path) {
 }
 
 // Exchanged with the file that is there, not renamed over it: for that, ext4 writes the new file to the disk at once,
-// several times a swap, and the disk's interrupts may come to the Spine's core. A power cut may spoil the certificates of
-// the last seconds; their hashes show it.
+// several times a swap, and the disk's interrupts may come to the Spine's core. A power cut may spoil the certificates
+// of the last seconds; their hashes show it.
 std::error_code put_in_place(const fs::path& draft, const fs::path& path) {
   std::error_code failure;
   if (::renameat2(AT_FDCWD, draft.c_str(), AT_FDCWD, path.c_str(), RENAME_EXCHANGE) == 0) {

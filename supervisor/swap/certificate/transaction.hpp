@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// State of one swap, from the request until its law leaves the Spine, and its certificate. No clock, no file, no process.
+// State of one swap, from the request until its law leaves the Spine, and its certificate. No clock, no file, no
+// process.
 #pragma once
 
 #include <cstdint>
@@ -128,8 +129,8 @@ class Transaction {
   bool outcome_is_known() const;
   std::int64_t stage_since_ns() const { return stage_since_ns_; }
 
-  // submitted, refused, not_confirmed, measured, committed, unproven, confirmed or rolled_back: the last three are about the law
-  // after its commit.
+  // submitted, refused, not_confirmed, measured, committed, unproven, confirmed or rolled_back: the last three are
+  // about the law after its commit.
   const char* verdict() const;
   // The certificate: request, times and findings of every stage. Times are CLOCK_MONOTONIC [ns].
   Json certificate() const;

@@ -130,7 +130,8 @@ LABEL primary
       LINUX /boot/Image
       FDT /boot/dtb/kernel_tegra234-p3768-0000+p3767-0005-nv.dtb
       INITRD /boot/initrd
-      APPEND ${cbootargs} root=PARTUUID=6e8a4a9c-0ad4-4a38-9d3e-ae4a0e9e4d4c rw rootwait rootfstype=ext4 mminit_loglevel=4 )"
+      APPEND ${cbootargs} root=PARTUUID=6e8a4a9c-0ad4-4a38-9d3e-ae4a0e9e4d4c rw rootwait )"
+    R"(rootfstype=ext4 mminit_loglevel=4 )"
     R"(console=ttyTCU0,115200 firmware_class.path=/etc/firmware fbcon=map:0 nospectre_bhb
 
 #LABEL backup

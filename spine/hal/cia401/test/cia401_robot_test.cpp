@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A robot with a CiA 401 module: from its file to its sensors, beside a drive on the same bus; and what tools say of it.
+// A robot with a CiA 401 module: from its file to its sensors, beside a drive on the same bus; and what tools say of
+// it.
 #include <gtest/gtest.h>
 
 #include <algorithm>
