@@ -19,6 +19,13 @@ function(lithe_headers name)
   target_precompile_headers(${name} PRIVATE ${READ_HEADERS})
 endfunction()
 
+# From a precompiled header, <string> is no system header to GCC 12 any more: it reports copies of short texts there.
+function(lithe_trust_string target)
+  if(CMAKE_CXX_COMPILER_ID STREQUAL GNU AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
+    target_compile_options(${target} PRIVATE -Wno-array-bounds -Wno-stringop-overflow -Wno-stringop-overread)
+  endif()
+endfunction()
+
 # Rooms that use json wait for people, files and other processes. Optimised less, they compile in two thirds of the time.
 set(LITHE_LIGHT $<$<CONFIG:Release>:-O1>)
 
@@ -87,15 +94,13 @@ function(lithe_room name)
       else()
         target_precompile_headers(lithe_${name} PRIVATE <nlohmann/json.hpp> <fmt/format.h>)
       endif()
-      if(CMAKE_CXX_COMPILER_ID STREQUAL GNU AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
-        # From a precompiled header, <string> is no system header to it any more: it reports copies of short texts there.
-        target_compile_options(lithe_${name} PRIVATE -Wno-array-bounds -Wno-stringop-overflow -Wno-stringop-overread)
-      endif()
+      lithe_trust_string(lithe_${name})
     endif()
     if(ROOM_TICK)
       target_compile_options(lithe_${name} PRIVATE -fno-exceptions -fno-rtti)
       if(TARGET lithe_tick_headers)
         target_precompile_headers(lithe_${name} REUSE_FROM lithe_tick_headers)
+        lithe_trust_string(lithe_${name})
       endif()
     else()  # a room of the tick has an object for each file: a faulty variant of the fuzzers takes the place of one
       set_target_properties(lithe_${name} PROPERTIES UNITY_BUILD ${LITHE_UNITY} UNITY_BUILD_BATCH_SIZE 10)
@@ -161,9 +166,7 @@ function(lithe_test name)
       endif()
       target_precompile_headers(${name} REUSE_FROM ${headers})
     endif()
-    if(CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)  # see lithe_room
-      target_compile_options(${name} PRIVATE -Wno-array-bounds -Wno-stringop-overflow -Wno-stringop-overread)
-    endif()
+    lithe_trust_string(${name})
   endif()
   gtest_discover_tests(${name} DISCOVERY_TIMEOUT 600 PROPERTIES TIMEOUT 600 LABELS "${TEST_LABEL}")
 endfunction()

@@ -206,7 +206,7 @@ void add_params(CLI::App& app, CommandLine& words) {
 }
 
 // The arguments that choose a bus.
-void add_place(CLI::App& verb, bus::CommandLine& bus) {
+void add_place(CLI::App& verb, bus::Words& bus) {
   verb.add_option("WHAT", bus.what, "robot file, or a bus: " + bus::bus_forms())->required();
   verb.add_option("--bus", bus.bus, "this bus of the robot only")->type_name("NAME");
   verb.add_option("--bitrate", bus.bitrate, "bit rate without a robot file (default 1000000)")->type_name("BIT/S");
