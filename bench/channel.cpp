@@ -32,9 +32,8 @@ void run_block(Link& link, Cores cores, std::int64_t block_ns, int warm_up, std:
   std::atomic<std::uint64_t> last{0};
   std::thread answering = on_core(cores.partner, [&] {
     for (std::uint64_t sequence = first; last.load(std::memory_order_relaxed) != sequence; ++sequence) {
-      while (!link.arrived(1, sequence)) {
+      while (!link.arrived(1, sequence))
         if (last.load(std::memory_order_relaxed) == sequence) return;
-      }
       link.send(1, sequence);
     }
   });
@@ -78,9 +77,8 @@ const Subject& named(const std::vector<Subject>& subjects, const std::string& na
 // The time of `over` relative to that of `under` in the same round, per mille, for each round.
 std::vector<std::int64_t> ratios_pm(const Subject& over, const Subject& under) {
   std::vector<std::int64_t> ratios;
-  for (std::size_t round = 0; round < over.median_ns.size(); ++round) {
+  for (std::size_t round = 0; round < over.median_ns.size(); ++round)
     ratios.push_back(1000 * over.median_ns[round] / std::max<std::int64_t>(under.median_ns[round], 1));
-  }
   return ratios;
 }
 

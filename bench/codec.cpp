@@ -70,9 +70,8 @@ std::vector<Case> read_cases(const char* path) {
     Case each;
     for (std::size_t i = 0; i < kValues; ++i) each.values[i] = json["values"][i];
     const std::string hex = json["reply"];
-    for (std::size_t i = 0; i + 1 < hex.size() && each.reply.size < kMaxPayload; i += 2) {
+    for (std::size_t i = 0; i + 1 < hex.size() && each.reply.size < kMaxPayload; i += 2)
       each.reply.data[each.reply.size++] = static_cast<std::uint8_t>(std::stoul(hex.substr(i, 2), nullptr, 16));
-    }
     cases.push_back(each);
   }
   return cases;
@@ -99,9 +98,8 @@ Json tell(const std::vector<Case>& cases) {
 template <class Work>
 double time_ns(const RawClock& clock, const std::vector<Case>& cases, Work work) {
   const std::int64_t began_ns = clock.now_ns();
-  for (int pass = 0; pass < kPasses; ++pass) {
+  for (int pass = 0; pass < kPasses; ++pass)
     for (const Case& each : cases) work(each);
-  }
   return static_cast<double>(clock.now_ns() - began_ns) / (kPasses * static_cast<double>(cases.size()));
 }
 

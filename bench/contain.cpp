@@ -94,9 +94,8 @@ void call_contained(contain::FaultBarrier* barrier) {
 void call_saving_mask(contain::FaultBarrier*) {
   static sigjmp_buf back;
   static int i = 0;  // setjmp may forget a local
-  for (i = 0; i < kCallsPerBlock; ++i) {
+  for (i = 0; i < kCallsPerBlock; ++i)
     if (sigsetjmp(back, 1) == 0) contain::bad::count(&g_runs);
-  }
 }
 
 // A thread for each block, because a thread has one FaultBarrier; all on one core, one after the other.
@@ -126,9 +125,8 @@ void report_calls(Cores cores, JsonLine& line) {
                         {"contained_gated", call_contained, true, false, true},
                         {"control", call_saving_mask, false}};
   Guarded guarded(cores.partner, {});
-  for (int block = 0; block < kBlocks; ++block) {
+  for (int block = 0; block < kBlocks; ++block)
     for (Way& way : ways) measure_block(way, cores.spine, guarded.dog);
-  }
   for (const Way& way : ways) line.number(std::string("contain_call_ns_") + way.key, way.per_call_ns());
   const double cost_ns = ways[1].per_call_ns() - ways[0].per_call_ns();
   const double control_ns = ways.back().per_call_ns() - ways[0].per_call_ns();
@@ -156,10 +154,9 @@ void report_crashes(Cores cores, JsonLine& line) {
   on_core(cores.spine, [&] {
     raise_priority();
     contain::FaultBarrier barrier = or_exit(contain::FaultBarrier::open());
-    for (int round = 0; round < kFaults; ++round) {
+    for (int round = 0; round < kFaults; ++round)
       for (std::size_t i = 0; i < taken_ns.size(); ++i)
         taken_ns[i].push_back(away_ns(barrier, contain::bad::kCrashes[i], kNoDeadline));
-    }
   }).join();
   for (std::size_t i = 0; i < taken_ns.size(); ++i)
     line.quantiles(std::string("contain_") + contain::bad::kCrashes[i].name, taken_ns[i]);

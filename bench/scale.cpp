@@ -123,23 +123,20 @@ class Subject {
 // What it takes compared with the floor's block of the same round: the middle one of all rounds.
 double over(const Subject& subject, const Subject& floor) {
   std::vector<std::int64_t> ratios_pm;
-  for (std::size_t i = 0; i < subject.median_ns().size(); ++i) {
+  for (std::size_t i = 0; i < subject.median_ns().size(); ++i)
     ratios_pm.push_back(1000 * subject.median_ns()[i] / std::max<std::int64_t>(floor.median_ns()[i], 1));
-  }
   return static_cast<double>(quantile_ns(ratios_pm, 0.5)) / 1e3;
 }
 
 void exchanges(int rounds, JsonLine& line) {
   std::vector<Subject> subjects;
   subjects.emplace_back(0, false);
-  for (const std::size_t joints : {1U, 4U, 12U, 32U}) {
+  for (const std::size_t joints : {1U, 4U, 12U, 32U})
     for (const bool time_passes : {false, true}) subjects.emplace_back(joints, time_passes);
-  }
   const RawClock clock = RawClock::calibrate();
   const ThreadToll before = thread_toll();
-  for (int round = 0; round < rounds; ++round) {
+  for (int round = 0; round < rounds; ++round)
     for (Subject& subject : subjects) subject.run_block(clock);
-  }
   const ThreadToll after = thread_toll();
   const double wall_ns = static_cast<double>(after.wall_ns - before.wall_ns);
   bool missed = false;

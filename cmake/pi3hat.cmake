@@ -21,4 +21,4 @@ target_include_directories(lithe_pi3hat_maker SYSTEM INTERFACE ${maker_source})
 target_sources(lithe_hal_bus_pi3hat PRIVATE bus/pi3hat/port/upstream.cpp)
 target_link_libraries(lithe_hal_bus_pi3hat PRIVATE lithe_pi3hat_maker)
 # Its constructor throws, and we catch it at once.
-set_source_files_properties(${CMAKE_CURRENT_SOURCE_DIR}/bus/pi3hat/port/upstream.cpp PROPERTIES COMPILE_OPTIONS "-fexceptions;-frtti")
+set_source_files_properties(${CMAKE_CURRENT_SOURCE_DIR}/bus/pi3hat/port/upstream.cpp PROPERTIES SKIP_PRECOMPILE_HEADERS ON COMPILE_OPTIONS "-fexceptions;-frtti")

@@ -155,6 +155,8 @@ function(lithe_test name)
   add_executable(${name} ${TEST_SOURCES})
   target_link_libraries(${name} PRIVATE ${TEST_LINKS} lithe_no_alloc GTest::gtest GTest::gtest_main)
   target_compile_definitions(${name} PRIVATE LITHE_ROBOTS="${CMAKE_SOURCE_DIR}/robots")
+  # `if (a) EXPECT_TRUE(b);`: there is an else in the macro, and the formatter takes the braces away.
+  target_compile_options(${name} PRIVATE -Wno-dangling-else)
   if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
     if(TEST_LABEL MATCHES "${LITHE_OPTIMISED_TESTS}")
       target_precompile_headers(${name} REUSE_FROM lithe_optimised_test_headers)

@@ -116,18 +116,15 @@ json Service::answer(const std::string& line, bool& quit) {
 
 json Service::compile(const json& request) {
   if (!toolchain_.error().empty()) return refuse("compile", toolchain_.error());
-  if (!request.contains("source") || !request["source"].is_string()) {
+  if (!request.contains("source") || !request["source"].is_string())
     return refuse("request", "compile needs \"source\": the text of the law");
-  }
   const json name = request.value("name", json("law.cpp"));
   const json joints = request.value("joints", json());
-  if (!joints.is_number_unsigned() || joints < 1 || joints > kMaxJoints) {
+  if (!joints.is_number_unsigned() || joints < 1 || joints > kMaxJoints)
     return refuse("request", "compile needs \"joints\": how many the robot has, 1 to " + std::to_string(kMaxJoints));
-  }
   const json budget_ns = request.value("budget_ns", json());
-  if (!budget_ns.is_null() && !(budget_ns.is_number() && budget_ns > 0)) {
+  if (!budget_ns.is_null() && !(budget_ns.is_number() && budget_ns > 0))
     return refuse("request", "\"budget_ns\" is how long one step may take: a number above 0, or left out");
-  }
   Job job{request["source"], safe_name(name.is_string() ? name.get<std::string>() : ""), "", joints};
   if (job.source.size() > kMaxSourceBytes) return refuse_whole("compile", job.name, "the source is larger than 1 MiB");
   Admission unclear;
@@ -165,9 +162,8 @@ json Service::place(const json& request) {
   const json entry = json::parse(read_file(base + ".json").value_or(""), nullptr, false);
   if (!entry.is_object()) return refuse("cache", "there is no law of this hash in the cache: compile it again");
   const auto object = read_file(base + ".o");
-  if (!object || entry.value("placeable_sha256", "") != sha256_hex(*object)) {
+  if (!object || entry.value("placeable_sha256", "") != sha256_hex(*object))
     return refuse("cache", "the law's object in the cache is not what was admitted: compile it again");
-  }
   json reply = placer_.place(hash, base + ".o", slot);
   reply["place_ms"] = since_ms(start);
   return reply;
@@ -200,9 +196,8 @@ json Service::build(const Job& job) {
   }
   const std::string file = scratch.path() + "/" + job.name, object = scratch.path() + "/law.o";
   const std::string library = scratch.path() + "/law.so";
-  if (const std::string failed = write_file_whole(file, job.source); !failed.empty()) {
+  if (const std::string failed = write_file_whole(file, job.source); !failed.empty())
     return refuse("cache", disk_is_full(failed) ? full_disk_text(cache_) : "cannot write " + file + ": " + failed);
-  }
   std::string warnings;
   if (json refused = run_compiler(job, file, object, warnings); !refused.is_null()) return refused;
   laps.lap("compile");

@@ -180,9 +180,8 @@ TEST_F(ServiceTest, LawThatIsNowAndThenTooSlowForTheRobotIsRefused) {
 }
 
 TEST_F(ServiceTest, BudgetThatIsNoneIsRefused) {
-  for (const json& budget : {json(0), json(-5), json("300"), json(false)}) {
+  for (const json& budget : {json(0), json(-5), json("300"), json(false)})
     EXPECT_EQ(compile(service_, LawText{}.source(), "law.cpp", true, budget)["stage"], "request") << budget;
-  }
 }
 
 TEST_F(ServiceTest, RefusedLawLeavesNothingInTheCache) {

@@ -16,9 +16,8 @@ struct ConstantTorque {
 
   static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
     s.ramp = std::min(1.0, s.ramp + t.dt_s / p.ramp_s);
-    for (std::uint32_t j = 0; j < t.joints; ++j) {
+    for (std::uint32_t j = 0; j < t.joints; ++j)
       u.torque_nm[j] = s.ramp * p.tau_nm - p.kd_nm_s_rad * t.velocity_rad_s[j];
-    }
   }
 };
 LITHE_LAW(ConstantTorque, "constant_torque");

@@ -18,9 +18,8 @@ struct Hold {
       s.hold_position_rad = t.position_rad;
       s.holding = true;
     }
-    for (std::uint32_t j = 0; j < t.joints; ++j) {
+    for (std::uint32_t j = 0; j < t.joints; ++j)
       u.torque_nm[j] = p.kp_nm_rad * (s.hold_position_rad[j] - t.position_rad[j]) - p.kd_nm_s_rad * t.velocity_rad_s[j];
-    }
   }
 };
 LITHE_LAW(Hold, "hold");

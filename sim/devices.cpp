@@ -43,34 +43,30 @@ Result<> Devices::check(const FaultRequest& order) const {
     return name.empty() || std::any_of(all.begin(), all.end(), [&](const auto& each) { return each.name == name; });
   };
   if (!named(config_.buses, order.bus)) return Error{"there is no bus '" + order.bus + "' in the robot file"};
-  if (!named(config_.devices, order.device)) {
+  if (!named(config_.devices, order.device))
     return Error{"there is no device '" + order.device + "' in the robot file"};
-  }
   const auto can_have = [&](const robot::DeviceConfig& device) {
     return (order.device.empty() || order.device == device.name) && has_fault(device.kind, order);
   };
-  if (is_of_device(order.kind) && std::none_of(config_.devices.begin(), config_.devices.end(), can_have)) {
+  if (is_of_device(order.kind) && std::none_of(config_.devices.begin(), config_.devices.end(), can_have))
     return Error{"such a thing cannot happen to " + (order.device.empty() ? "any device here" : order.device)};
-  }
   return done();
 }
 
 void Devices::act(const FaultRequest& order, std::int64_t now_ns) {
   if (order.kind == Kind::clear) return clear(now_ns);
   if (!is_of_device(order.kind)) {
-    for (std::size_t i = 0; i < wires_.size(); ++i) {
+    for (std::size_t i = 0; i < wires_.size(); ++i)
       if (order.bus.empty() || order.bus == config_.buses[i].name) set_wire_fault(order, i);
-    }
     return;
   }
   for (std::size_t i = 0; i < config_.devices.size(); ++i) {
     const robot::DeviceConfig& device = config_.devices[i];
     if ((order.device.empty() || order.device == device.name) && has_fault(device.kind, order)) {
-      if (order.kind == Kind::injected) {
+      if (order.kind == Kind::injected)
         nodes_.devices[i].node->inject(order.injected, order.on, now_ns);
-      } else {
+      else
         set_second_device(i, order);
-      }
     }
   }
 }
@@ -88,9 +84,8 @@ void Devices::set_second_device(std::size_t index, const FaultRequest& order) {
   if (!order.on) return;
   robot::RobotConfig other = config_;
   constexpr double kElsewhereRad = 0.3;
-  for (robot::JointConfig& joint : other.joints) {
+  for (robot::JointConfig& joint : other.joints)
     if (joint.device == index) joint.sim.initial_position_rad += kElsewhereRad;
-  }
   if (order.kind == Kind::wrong_id) {
     std::uint32_t& id = other.devices[index].id;
     id = (id + kIds / 2 - 1) % kIds + 1;

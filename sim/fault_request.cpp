@@ -41,9 +41,8 @@ bool is_share(Kind kind) { return kind <= Kind::replay; }
 Result<> number(const Json& json, const char* key, double most, double& value) {
   const auto found = json.find(key);
   if (found == json.end()) return done();
-  if (!found->is_number() || !(found->get<double>() >= 0 && found->get<double>() <= most)) {
+  if (!found->is_number() || !(found->get<double>() >= 0 && found->get<double>() <= most))
     return Error{std::string("\"") + key + "\" must be a number from 0 to " + Json(most).dump()};
-  }
   value = found->get<double>();
   return done();
 }
@@ -82,9 +81,8 @@ Result<> fill(const Json& json, FaultRequest& order) {
   if (useless("device", is_of_device(order.kind))) return Error{"\"device\" is for faults of a device; say \"bus\""};
   if (useless("share", is_share(order.kind))) return Error{"\"share\" is for faults of some frames"};
   if (useless("ms", order.kind == Kind::delay)) return Error{"\"ms\" is for \"delay\""};
-  if (useless("on", !is_share(order.kind) && order.kind != Kind::delay && !all)) {
+  if (useless("on", !is_share(order.kind) && order.kind != Kind::delay && !all))
     return Error{"\"on\" is not for this; \"share\": 0 or \"ms\": 0 ends it"};
-  }
   if (is_share(order.kind) && !json.contains("share")) return Error{"say how many: \"share\", from 0 to 1"};
   if (order.kind == Kind::delay && !json.contains("ms")) return Error{"say how long: \"ms\""};
   if (order.kind == Kind::delay) order.amount = 1e-3 * ms;

@@ -30,9 +30,8 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
   Result<std::unique_ptr<Devices>> devices = Devices::make(config, options.seed);
   if (!devices) return Error{config.path + ": " + devices.message()};
   world->devices_ = std::move(*devices);
-  for (std::size_t i = 0; i < config.buses.size(); ++i) {
+  for (std::size_t i = 0; i < config.buses.size(); ++i)
     if (Result<> added = world->add_bus(config, i, options); !added) return added.error();
-  }
   world->tell_places();
   return world;
 }
@@ -71,11 +70,9 @@ void World::tell_places() {
 Result<> World::check(const FaultRequest& order) const {
   if (Result<> known = devices_->check(order); !known) return known;
   if (order.kind != Kind::unplug) return done();
-  for (const Line& line : lines_) {
-    if (line.kind == "socketcan" && is_meant(order.bus, line.name)) {
+  for (const Line& line : lines_)
+    if (line.kind == "socketcan" && is_meant(order.bus, line.name))
       return Error{"bus '" + line.name + "' is an interface of the kernel; use: ip link set " + line.name + " down"};
-    }
-  }
   return done();
 }
 

@@ -54,9 +54,8 @@ float position_rev(const std::string& answer) {
   const std::size_t at = answer.find("2F01");
   if (at == std::string::npos || at + 12 > answer.size()) return std::nanf("");
   std::uint32_t bits = 0;
-  for (std::size_t byte = 0; byte < 4; ++byte) {
+  for (std::size_t byte = 0; byte < 4; ++byte)
     bits |= static_cast<std::uint32_t>(std::stoul(answer.substr(at + 4 + 2 * byte, 2), nullptr, 16)) << 8 * byte;
-  }
   return std::bit_cast<float>(bits);
 }
 
@@ -85,9 +84,8 @@ class Scene {
     pass(ms);
     std::string all;
     std::array<char, 4096> bytes{};
-    for (ssize_t n = ::read(fd_, bytes.data(), bytes.size()); n > 0; n = ::read(fd_, bytes.data(), bytes.size())) {
+    for (ssize_t n = ::read(fd_, bytes.data(), bytes.size()); n > 0; n = ::read(fd_, bytes.data(), bytes.size()))
       all.append(bytes.data(), static_cast<std::size_t>(n));
-    }
     return all;
   }
   void write_only(std::string_view text) {

@@ -26,9 +26,8 @@ std::string describe_host(const std::vector<std::string>& known) {
   const auto add = [&notes](const std::string& sentence) { notes += (notes.empty() ? "" : "; ") + sentence; };
   for (const std::string& note : known) add(note);
   if (const Result<> locked = lock_memory(); !locked) add(locked.message());
-  if (const int nice_value = raise_priority(); nice_value > -20) {
+  if (const int nice_value = raise_priority(); nice_value > -20)
     add("priority stays at nice " + std::to_string(nice_value) + ": run as root, or set LimitNICE=-20");
-  }
   return notes;
 }
 

@@ -32,9 +32,8 @@ Result<Memory> make_memory(const std::string& robot) {
   ipc::sign_in((*spine)->header, monotonic_ns());
   // Made here, written by supervisor and Brain. Read-only in this process, so that a law cannot set an e-stop word or
   // send a command.
-  for (const Mapping* theirs : {&control->mapping(), &brain->mapping()}) {
+  for (const Mapping* theirs : {&control->mapping(), &brain->mapping()})
     if (const Result<> kept = ipc::make_read_only(*theirs); !kept) return kept.error();
-  }
   return Memory{std::move(**lease), std::move(*spine), std::move(*control), std::move(*brain), std::move(*frames)};
 }
 

@@ -239,11 +239,10 @@ class Threads {
     if (barrier) {
       missing.add_if(watchdog_.watch(*barrier), "an endless law will not be stopped");
       missing.add_if(barrier->watch_entrance(constants_), "what a handler reads first is not checked");
-      if (only_waits) {
+      if (only_waits)
         missing.add_if(barrier->forbid_system_calls(), "a law can make system calls");
-      } else if (barrier->dispatch_system_calls() == contain::CallGate::none) {
+      else if (barrier->dispatch_system_calls() == contain::CallGate::none)
         missing.add("a law can make system calls: this kernel has no syscall user dispatch");
-      }
     }
     told.set_value(missing.words);
     return barrier;

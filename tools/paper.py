@@ -33,7 +33,8 @@ BY_HAND = re.compile(r"measured once, 20\d\d-\d\d-\d\d: .")
 TREE = "host spine supervisor lawd trial sim bench brain tools tests docs schema models laws robots examples cmake"
 TREE += " firmware"
 RELATIVE = re.compile(r"[\w*-][\w./*-]*(?:/|\.(?:cpp|hpp|py|pml|c|h))")  # `core/act.hpp`, `robot/`: the end of a path
-NO_FILE = re.compile(r"(?:out|build)/.*|(?:x|x_test|my|best)\.[ch]pp|x\.py")  # results, and names that stand for any
+# Results, and names that stand for any.
+NO_FILE = re.compile(r"(?:out|build)/.*|swaps/.*|(?:x|x_test|my|best)\.[ch]pp|x\.py")
 NAMED_PATH = re.compile(rf"(?:{TREE.replace(' ', '|')})/[\w./*-]*")
 WORDS = ["no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"]
 PROGRAMS = ("make", "lithe", "python", "pytest", "ctest", "build/release/bin/")

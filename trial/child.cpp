@@ -67,9 +67,8 @@ bool listen_for_signals() {
   action.sa_sigaction = &on_signal;
   action.sa_flags = SA_SIGINFO | SA_ONSTACK | SA_RESETHAND;
   sigfillset(&action.sa_mask);
-  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTRAP, SIGSYS, SIGPROF}) {
+  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTRAP, SIGSYS, SIGPROF})
     if (sigaction(signal, &action, nullptr) != 0) return false;
-  }
   sigset_t none;
   sigemptyset(&none);
   return sigprocmask(SIG_SETMASK, &none, nullptr) == 0;
@@ -118,9 +117,8 @@ Result<> guard_computing(const TrialSetup& setup) {
 
 // The law's own values, and those the request wants; values outside their range are refused here already.
 bool fill_params(const LitheLaw& law, const TrialRequest& request, std::vector<Param>& params) {
-  for (std::uint32_t i = 0; i < law.param_count; ++i) {
+  for (std::uint32_t i = 0; i < law.param_count; ++i)
     params.push_back({law.params[i].value, law.params[i].min, law.params[i].max});
-  }
   for (const auto& [name, value] : request.params) {
     std::size_t i = 0;
     while (i < params.size() && name != law.params[i].name) ++i;

@@ -23,9 +23,8 @@ int main(int argc, char** argv) {
     std::cerr << zygote.message() << "\n";
     return 2;
   }
-  if (const auto walled = zygote->wall_in(); !walled) {
+  if (const auto walled = zygote->wall_in(); !walled)
     std::cerr << walled.message() << "; every trial asks for a filter of its own\n";
-  }
   bool quit = false;
   for (std::string line; !quit && std::getline(std::cin, line);) {
     if (line.empty()) continue;

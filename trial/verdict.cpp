@@ -42,9 +42,8 @@ bool is_report(const std::string& bytes, Report& report) {
 }
 
 std::string death_text(const Outcome& outcome, const Limits& limits) {
-  if (outcome.timed_out) {
+  if (outcome.timed_out)
     return fmt::format("the trial did not end in {} ms: look for a loop without a bound", limits.wall_ms);
-  }
   if (outcome.signal == SIGKILL) {
     return fmt::format("it used more than a trial has: {} MiB of memory, {} ms of the processor",
                        limits.memory_bytes >> 20, limits.cpu_ms);

@@ -89,9 +89,8 @@ TEST_F(ZygoteTest, GoodLawsPassAndAllSectionsReport) {
     const json reply = attempt(object);
     EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
     EXPECT_EQ(reply["id"], 3);
-    for (const char* section : {"benign", "loop", "hostile", "timing"}) {
+    for (const char* section : {"benign", "loop", "hostile", "timing"})
       EXPECT_TRUE(reply["report"][section]["done"].get<bool>()) << section << reply.dump();
-    }
     EXPECT_TRUE(reply["report"]["benign"]["same_bits"].get<bool>());
     EXPECT_GT(reply["report"]["timing"]["p999_ns"].get<double>(), 0);
     EXPECT_GE(reply["report"]["loop"]["ticks"].get<int>(), 100);

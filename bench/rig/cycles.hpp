@@ -83,9 +83,8 @@ inline std::vector<std::int64_t> figure_ns(const std::vector<Cycle>& cycles, std
                                            bool steal_aware) {
   std::vector<std::int64_t> values_ns;
   values_ns.reserve(cycles.size());
-  for (const Cycle& cycle : cycles) {
+  for (const Cycle& cycle : cycles)
     if (cycle.*figure != kUnknownNs && !(steal_aware && cycle.stolen())) values_ns.push_back(cycle.*figure);
-  }
   return values_ns;
 }
 

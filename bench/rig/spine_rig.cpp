@@ -69,9 +69,8 @@ SpineRig::SpineRig(robot::RobotConfig config, Cores cores, bool transport_inline
 
 SpineRig::~SpineRig() {
   stop_.store(true);
-  for (std::thread* thread : {&transport_, &brain_thread_}) {
+  for (std::thread* thread : {&transport_, &brain_thread_})
     if (thread->joinable()) thread->join();
-  }
 }
 
 void SpineRig::serve_buses() { loop::run_transport(handover_, *actuators_, *clock_, false, stop_); }
@@ -100,9 +99,8 @@ void SpineRig::offer_copy() {
   law::Resident& copy = *free_.back();
   law::reset_resident(copy, lithe_law);
   copy.law_id = static_cast<std::uint32_t>(swaps_.load()) + 1;
-  for (const law::Resident& peer : *laws_) {
+  for (const law::Resident& peer : *laws_)
     if (&peer != &copy && peer.law_id != 0) law::build_bridge(copy, peer);
-  }
   if (!slot_.offer(&copy)) {
     copy.law_id = 0;  // the tick has not taken the one before
     return;

@@ -73,9 +73,8 @@ Loaded load(const std::string& path) {
 class Active {
  public:
   Loaded exchange(Loaded next) {
-    for (std::uint32_t i = 0; i < next.law->param_count; ++i) {
+    for (std::uint32_t i = 0; i < next.law->param_count; ++i)
       params_[i] = {next.law->params[i].value, next.law->params[i].min, next.law->params[i].max};
-    }
     std::memcpy(state_.data(), next.law->state_defaults, next.law->state_size);
     return std::exchange(loaded_, next);
   }

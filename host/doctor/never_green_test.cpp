@@ -31,9 +31,8 @@ bool is_no_better(State before, State after) {
 
 std::vector<std::string> files_of(const FakeRoot& root) {
   std::vector<std::string> paths;
-  for (const auto& each : fs::recursive_directory_iterator(root.path())) {
+  for (const auto& each : fs::recursive_directory_iterator(root.path()))
     if (each.is_regular_file()) paths.push_back(each.path().string());
-  }
   return paths;
 }
 
@@ -85,9 +84,8 @@ TEST(NeverGreen, OfAnEmptyMachineNothingIsInOrder) {
   const Diagnosis diagnosis = diagnose(HostFiles(root.path()), kJudged);
   EXPECT_EQ(diagnosis.verdict.tier, Tier::d);
   EXPECT_EQ(diagnosis.hypervisor.present, std::nullopt);
-  for (std::size_t i = 0; i < diagnosis.findings.size(); ++i) {
+  for (std::size_t i = 0; i < diagnosis.findings.size(); ++i)
     EXPECT_NE(diagnosis.findings[i].state, State::ok) << checklist()[i].id;
-  }
 }
 
 }  // namespace

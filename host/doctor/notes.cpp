@@ -27,9 +27,8 @@ std::string shown(const Reading& reading) {
 }
 
 State worst(std::initializer_list<State> parts) {
-  for (const State state : {State::fail, State::warn, State::unknown, State::ok}) {
+  for (const State state : {State::fail, State::warn, State::unknown, State::ok})
     if (std::find(parts.begin(), parts.end(), state) != parts.end()) return state;
-  }
   return State::not_applicable;
 }
 

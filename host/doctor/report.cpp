@@ -56,9 +56,8 @@ std::string one_item(const Item& item, const Finding& finding, const Subject& su
     const Evidence& each = finding.evidence[i];
     text += fmt::format("       {} = {}\n", each.path, each.value.empty() ? "(empty)" : each.value);
   }
-  if (shown < finding.evidence.size()) {
+  if (shown < finding.evidence.size())
     text += fmt::format("       and {} more: --all\n", finding.evidence.size() - shown);
-  }
   if (finding.state == State::warn || finding.state == State::fail) {
     text += fmt::format("     why: {}\n     mend{}: {}\n", for_core(item.why, subject),
                         item.reboot ? ", in force after a reboot" : "", for_core(item.fix, subject));
@@ -90,9 +89,8 @@ json optional_json(const auto& value) { return value ? json(*value) : json(nullp
 
 json measured_json(const Measured& seen) {
   json rates = json::array();
-  for (const RateShare& each : seen.rates) {
+  for (const RateShare& each : seen.rates)
     rates.push_back({{"rate_hz", each.rate_hz}, {"lost_share", each.lost_share}, {"holds", each.holds}});
-  }
   return {{"cpu", seen.cpu},
           {"seconds", seen.seconds},
           {"gaps_per_s", seen.gaps_per_s},
@@ -149,18 +147,16 @@ std::string to_text(const Diagnosis& diagnosis, bool all) {
 
 json to_json(const Diagnosis& diagnosis) {
   json items = json::array(), missing = json::array(), virtual_evidence = json::array();
-  for (std::size_t i = 0; i < diagnosis.findings.size(); ++i) {
+  for (std::size_t i = 0; i < diagnosis.findings.size(); ++i)
     items.push_back(item_json(checklist()[i], diagnosis.findings[i], diagnosis.subject));
-  }
   for (const Missing& each : diagnosis.verdict.missing) {
     missing.push_back({{"tier", std::string(1, letter(each.tier))},
                        {"number", each.number == 0 ? json(nullptr) : json(each.number)},
                        {"id", each.id},
                        {"words", each.words}});
   }
-  for (const auto& [path, value] : diagnosis.hypervisor.evidence) {
+  for (const auto& [path, value] : diagnosis.hypervisor.evidence)
     virtual_evidence.push_back({{"path", path}, {"value", value}});
-  }
   const Subject& subject = diagnosis.subject;
   return {{"tier", std::string(1, letter(diagnosis.verdict.tier))},
           {"label", label(diagnosis)},

@@ -131,9 +131,8 @@ constexpr Item kPowerAndMemory[] = {
 constexpr std::size_t kItems = std::size(kScheduler) + std::size(kInterrupts) + std::size(kPowerAndMemory);
 
 void replace_all(std::string& text, const std::string& name, const std::string& value) {
-  for (std::size_t at = text.find(name); at != std::string::npos; at = text.find(name, at + value.size())) {
+  for (std::size_t at = text.find(name); at != std::string::npos; at = text.find(name, at + value.size()))
     text.replace(at, name.size(), value);
-  }
 }
 
 }  // namespace

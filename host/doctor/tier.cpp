@@ -52,9 +52,8 @@ void ask_measurement(Tier tier, const Subject& subject, std::vector<Missing>& mi
 std::vector<Missing> missing_for(Tier tier, const Subject& subject, std::span<const Finding> findings) {
   std::vector<Missing> missing;
   ask_items(tier, findings, missing);
-  if (tier == Tier::a && subject.isolated.how(subject.cpu) != Isolation::boot) {
+  if (tier == Tier::a && subject.isolated.how(subject.cpu) != Isolation::boot)
     missing.push_back({tier, 1, "boot_isolation", "the core is not isolated since the boot"});
-  }
   ask_measurement(tier, subject, missing);
   return missing;
 }

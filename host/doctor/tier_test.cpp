@@ -111,9 +111,8 @@ TEST(Report, TellsTheTierFirstAndWhatIsMissing) {
 
 TEST(Report, ListsEveryItemWithAll) {
   const std::string text = to_text(of(put_booted), true);
-  for (const Item& each : checklist()) {
+  for (const Item& each : checklist())
     EXPECT_NE(text.find(" " + std::string(each.id) + ": "), std::string::npos) << each.id;
-  }
 }
 
 TEST(Report, InJsonHasPathAndValueOfEveryVerdict) {

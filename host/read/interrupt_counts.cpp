@@ -53,13 +53,12 @@ Result<CoreInterrupts> count_interrupts(const HostFiles& files, int cpu) {
     const auto device = std::find_if(devices->begin(), devices->end(),
                                      [&](const Interrupt& each) { return label == std::to_string(each.number); });
     const auto value = static_cast<std::uint64_t>(*count);
-    if (device != devices->end()) {
+    if (device != devices->end())
       counts.devices.push_back({device->number, device->name, value});
-    } else if (is_timer(label, words)) {
+    else if (is_timer(label, words))
       add(counts.timer, value);
-    } else if (is_of_cores(label)) {
+    else if (is_of_cores(label))
       add(counts.cores, value);
-    }
   }
   return counts;
 }

@@ -46,11 +46,10 @@ Hypervisor hypervisor_of(const HostFiles& files) {
   const std::vector<std::string> all = split(line);
   const std::optional<long long> stolen = all.size() > kStolen ? whole_number(all[kStolen]) : std::nullopt;
   if (stolen.value_or(0) > 0) found.evidence.emplace_back(kStat, "stolen " + all[kStolen]);
-  if (!found.evidence.empty()) {
+  if (!found.evidence.empty())
     found.present = true;
-  } else if (stolen && (!field_of(cpus.value, "flags").empty() || board_of(files) != Board::unknown)) {
+  else if (stolen && (!field_of(cpus.value, "flags").empty() || board_of(files) != Board::unknown))
     found.present = false;
-  }
   return found;
 }
 

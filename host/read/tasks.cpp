@@ -43,11 +43,10 @@ void read_process(const HostFiles& files, const std::string& pid, Tasks& tasks) 
   const std::string folder = "/proc/" + pid + "/task";
   for (const std::string& tid : files.list(folder)) {
     const std::string each = folder + "/" + tid;
-    if (std::optional<Task> task = read_task(files, each)) {
+    if (std::optional<Task> task = read_task(files, each))
       tasks.all.push_back(std::move(*task));
-    } else if (files.is_folder(each)) {  // else it has ended meanwhile
+    else if (files.is_folder(each))  // else it has ended meanwhile
       tasks.why_not_whole = each + " cannot be read";
-    }
   }
 }
 
@@ -74,17 +73,15 @@ Tasks read_tasks(const HostFiles& files, const std::vector<int>& pids) {
     tasks.why_not_whole = "only some processes were read";
     return tasks;
   }
-  for (const std::string& pid : files.list("/proc")) {
+  for (const std::string& pid : files.list("/proc"))
     if (whole_number<unsigned>(pid)) read_process(files, pid, tasks);
-  }
   const auto named = [&](int pid, const char* name) {
     return std::any_of(tasks.all.begin(), tasks.all.end(),
                        [&](const Task& each) { return each.pid == pid && (*name == '\0' || each.name == name); });
   };
   // Only the first process id namespace has the kernel's own threads; hidepid hides them as it hides process 1.
-  if (tasks.is_whole() && (!named(2, "kthreadd") || !named(1, ""))) {
+  if (tasks.is_whole() && (!named(2, "kthreadd") || !named(1, "")))
     tasks.why_not_whole = "/proc shows a part of the machine's tasks only (a container, or hidepid)";
-  }
   return tasks;
 }
 

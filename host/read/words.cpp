@@ -61,9 +61,8 @@ std::optional<std::vector<int>> parse_mask(const std::string& text) {
   std::vector<int> cpus;
   std::reverse(groups.begin(), groups.end());
   for (std::size_t group = 0; group < groups.size(); ++group) {
-    for (int bit = 0; bit < kGroupBits; ++bit) {
+    for (int bit = 0; bit < kGroupBits; ++bit)
       if ((groups[group] >> bit & 1U) != 0) cpus.push_back(static_cast<int>(group) * kGroupBits + bit);
-    }
   }
   return cpus;
 }

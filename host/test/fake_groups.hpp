@@ -43,9 +43,8 @@ class FakeGroups {
     put("cpuset.cpus.effective", get("cpuset.cpus"));
     used_ = used_ || !get("cpuset.cpus").empty();
     const std::string state = get("cpuset.cpus.partition");
-    if (state == "isolated" && kernel_ == Kernel::says_invalid) {
+    if (state == "isolated" && kernel_ == Kernel::says_invalid)
       put("cpuset.cpus.partition", "isolated invalid (Cpu list in cpuset.cpus not exclusive)");
-    }
     if ((used_ || lowering) && get("cpuset.cpus").empty() && (state == "member" || state.empty())) {
       for (const auto& each : std::filesystem::directory_iterator(group)) std::filesystem::remove(each.path());
       going_ = true;

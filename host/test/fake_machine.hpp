@@ -64,9 +64,8 @@ inline void write_some_board(const FakeRoot& root, std::mt19937& random) {
   const char* const optional[] = {"/proc/irq/default_smp_affinity", "/sys/devices/virtual/workqueue/cpumask",
                                   "/proc/sys/kernel/timer_migration", "/sys/kernel/mm/ksm/run",
                                   "/etc/security/limits.d/other.conf"};
-  for (const char* path : optional) {
+  for (const char* path : optional)
     if (up_to(3) == 0) std::filesystem::remove(root.path() + path);
-  }
 }
 
 // Every file and folder below a root but the run-time journals: bytes and mode.

@@ -129,9 +129,8 @@ void add_task(const FakeRoot& root, const FakeTask& task) {
   const std::string pid = std::to_string(task.pid), folder = "/proc/" + pid;
   // Fields 3 to 41 of proc_pid_stat: the state, and 38 numbers.
   std::string stat = pid + " (" + task.name + ") S";
-  for (int field = 4; field <= 52; ++field) {
+  for (int field = 4; field <= 52; ++field)
     stat += field == 9 ? " " + std::to_string(task.flags) : field == 41 ? " " + std::to_string(task.policy) : " 0";
-  }
   root.write(folder + "/task/" + pid + "/stat", stat + "\n");
   root.write(folder + "/task/" + pid + "/status", "Name:\t" + task.name + "\nCpus_allowed_list:\t" + task.cpus + "\n");
   root.write(folder + "/status", "Name:\t" + task.name + "\nVmLck:\t    " + task.locked + "\n");

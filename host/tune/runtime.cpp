@@ -88,9 +88,8 @@ void plan_workqueues(Planner& plan) {
   const auto mask_off = [&](const std::string& now) { return plan.mask_off(now); };
   const std::string folder = "/sys/devices/virtual/workqueue";
   plan.look_at({"workqueue", folder + "/cpumask", why, mask_off});
-  for (const std::string& queue : plan.files().list(folder)) {
+  for (const std::string& queue : plan.files().list(folder))
     plan.look_at({"workqueue", folder + "/" + queue + "/cpumask", why, mask_off});
-  }
 }
 
 std::function<std::string(const std::string&)> exactly(const char* value) {
@@ -145,11 +144,9 @@ void plan_frequency(Planner& plan) {
 }
 
 void note_irqbalance(Planner& plan) {
-  for (const std::string& pid : plan.files().list("/proc")) {
-    if (whole_number<unsigned>(pid) && plan.files().read("/proc/" + pid + "/comm").value == "irqbalance") {
+  for (const std::string& pid : plan.files().list("/proc"))
+    if (whole_number<unsigned>(pid) && plan.files().read("/proc/" + pid + "/comm").value == "irqbalance")
       plan.note("irqbalance runs (pid " + pid + ") and moves interrupts back: sudo systemctl disable --now irqbalance");
-    }
-  }
 }
 
 }  // namespace

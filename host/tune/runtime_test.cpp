@@ -13,9 +13,8 @@ namespace {
 
 // The value that a plan gives to a path; "-" when it leaves it.
 std::string planned(const Plan& plan, const std::string& path) {
-  for (const Change& each : plan.changes) {
+  for (const Change& each : plan.changes)
     if (each.path == path) return each.before + " -> " + each.after;
-  }
   return "-";
 }
 

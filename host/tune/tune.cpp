@@ -173,9 +173,8 @@ TunePlan tune_plan(const Target& target) {
 Result<TuneResult> tune_apply(const Target& target, const std::vector<Change>& changes, const StepHook& hook) {
   TuneResult result;
   if (const Result<> part = lower_old_shield(target, result); !part) return part.error();
-  for (const Book& book : {kRun, kLasting}) {
+  for (const Book& book : {kRun, kLasting})
     if (const Result<> part = apply_to(book, target, changes, hook, result); !part) return part.error();
-  }
   return result;
 }
 
@@ -192,9 +191,8 @@ Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook
                        [&](const Step& each) { return each.change.item == item && each.outcome == Outcome::done; });
   };
   if (undone(kRulesItem)) result.commands.push_back(kReloadRules);
-  if (undone(kUnitItem)) {
+  if (undone(kUnitItem))
     result.commands.push_back(fmt::format("rm -f {}{}/multi-user.target.wants/{}", target.root, kUnitFolder, kUnit));
-  }
   if (undone("boot_line") && target.all_cores.size() > 1) {  // the commands are the same for any core
     Target any = target;
     any.cores = {target.all_cores.back()};

@@ -245,14 +245,12 @@ TEST(TuneProperty, AnyMachineIsTunedOnceAndComesBack) {
     ASSERT_TRUE(tune_plan(target).changes.empty()) << "seed " << seed;
     // Somebody else changes some of it.
     Content theirs;
-    for (const Step& each : made) {
+    for (const Step& each : made)
       if (each.change.kind == ChangeKind::setting && random() % 8 == 0) theirs[each.change.path] = "12345";
-    }
     for (const auto& [path, value] : theirs) root.write(path, value);
     const std::vector<Step> undone = must(tune_revert(target, false));
-    for (const Step& each : undone) {
+    for (const Step& each : undone)
       ASSERT_EQ(each.outcome == Outcome::foreign, theirs.contains(each.change.path)) << "seed " << seed;
-    }
     Content after = content_of(root), wanted = before;
     for (const auto& [path, value] : theirs) wanted[path] = after[path];
     const std::string pages = "/sys/kernel/mm/transparent_hugepage/enabled";

@@ -15,9 +15,8 @@ TEST(Values, AMaskKeepsItsWidth) {
 }
 
 TEST(Values, EveryMaskComesBackFromItsCores) {
-  for (const char* mask : {"1", "3", "d", "0f", "00000000,80000001", "ffffffff"}) {
+  for (const char* mask : {"1", "3", "d", "0f", "00000000,80000001", "ffffffff"})
     EXPECT_EQ(mask_of(*parse_mask(mask), mask), mask);
-  }
 }
 
 TEST(Values, TheBracketsNameTheValueInForce) {

@@ -28,9 +28,8 @@ std::vector<std::string> lines_of(const std::string& text) {
 
 // The first line that holds `what`, from 1; 0 = none.
 int line_with(const std::vector<std::string>& lines, std::string_view what) {
-  for (std::size_t i = 0; i < lines.size(); ++i) {
+  for (std::size_t i = 0; i < lines.size(); ++i)
     if (lines[i].find(what) != std::string::npos) return static_cast<int>(i) + 1;
-  }
   return 0;
 }
 

@@ -57,9 +57,8 @@ std::string find_contract_dir() {
   if (const std::string dir = environment("LITHE_CONTRACT_DIR"); !dir.empty()) return dir;
   std::error_code failed;
   const fs::path here = fs::read_symlink("/proc/self/exe", failed).parent_path();
-  for (const fs::path& dir : {here / "../include", fs::path(LITHE_SOURCE_CONTRACT_DIR)}) {
+  for (const fs::path& dir : {here / "../include", fs::path(LITHE_SOURCE_CONTRACT_DIR)})
     if (fs::exists(dir / "lithe/law.hpp", failed)) return fs::weakly_canonical(dir, failed).string();
-  }
   return LITHE_SOURCE_CONTRACT_DIR;
 }
 
@@ -154,9 +153,8 @@ std::vector<std::string> Toolchain::base_command() const {
 std::vector<std::string> Toolchain::compile_command(const std::string& source, const std::string& object,
                                                     Contract contract) const {
   std::vector<std::string> command = base_command();
-  if (contract == Contract::precompiled && precompiled()) {
+  if (contract == Contract::precompiled && precompiled())
     command.insert(command.end(), {"-I", pch_dir_});  // before the contract, so that lithe/law.hpp.gch is found first
-  }
   // Debug information without the scratch folder, so that the same law gives the same object.
   const std::string folder = fs::path(source).parent_path().string();
   command.push_back("-ffile-prefix-map=" + folder + "/=");

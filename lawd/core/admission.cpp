@@ -38,9 +38,8 @@ void Admission::apply(const char* gate, const std::function<std::string()>& rule
 
 json Admission::gates_json() const {
   json list = json::array();
-  for (const Gate& gate : gates) {
+  for (const Gate& gate : gates)
     list.push_back({{"gate", gate.name}, {"ok", gate.ok}, {"ms", gate.ms}, {"detail", gate.detail}});
-  }
   return list;
 }
 

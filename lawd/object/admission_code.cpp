@@ -113,11 +113,9 @@ std::string why_not_listed(const Outcome& listed) {
 }  // namespace
 
 std::string_view why_instruction_is_refused(std::string_view mnemonic) {
-  for (const Rule& rule : kRules) {
-    if (mnemonic == rule.mnemonic || (rule.prefix && mnemonic.starts_with(rule.mnemonic) && !is_vector(mnemonic))) {
+  for (const Rule& rule : kRules)
+    if (mnemonic == rule.mnemonic || (rule.prefix && mnemonic.starts_with(rule.mnemonic) && !is_vector(mnemonic)))
       return rule.why;
-    }
-  }
   return "";
 }
 

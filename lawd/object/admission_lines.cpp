@@ -46,9 +46,8 @@ nlohmann::json own_place(const std::string& program, std::uint64_t address, std:
   for (std::string function, place; std::getline(lines, function) && std::getline(lines, place);) {
     const auto colon = place.rfind(':');
     if (colon == std::string::npos || is_library(place)) continue;
-    if (const int line = leading_number<int>(std::string_view(place).substr(colon + 1)); line > 0) {
+    if (const int line = leading_number<int>(std::string_view(place).substr(colon + 1)); line > 0)
       return {{"ok", true}, {"line", line}, {"function", function.substr(0, function.find('('))}};
-    }
   }
   return refuse("locate", "no line of the law is known for this place");
 }
@@ -70,9 +69,8 @@ int SourceLines::mentions(std::string_view name) const {
   const std::string_view word = last_word(name);
   const auto text = read_file(compiled_.source_path);
   if (word.empty() || !text) return 0;
-  for (const Token& token : tokenise(*text).list) {
+  for (const Token& token : tokenise(*text).list)
     if (token.kind == TokenKind::word && token.text == word) return token.line;
-  }
   return 0;
 }
 

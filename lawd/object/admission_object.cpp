@@ -114,9 +114,8 @@ class Object {
         refuse(readable(symbol.name) + " is a variable outside State: move it to State");
       if (symbol.type == STT_GNU_IFUNC)
         refuse(readable(symbol.name) + " is chosen when the law is loaded: call it directly");
-      if (symbol.name.starts_with("_ZTV") || symbol.name.starts_with("_ZTI")) {
+      if (symbol.name.starts_with("_ZTV") || symbol.name.starts_with("_ZTI"))
         refuse(readable(symbol.name) + ": virtual functions and type information are not for laws: use a template");
-      }
     }
   }
 
@@ -175,9 +174,8 @@ class Object {
     const auto found = std::find_if(elf_.symbols.begin(), elf_.symbols.end(), [](const ElfSymbol& symbol) {
       return symbol.name == "lithe_law" && symbol.section != SHN_UNDEF && symbol.binding == STB_GLOBAL;
     });
-    if (found == elf_.symbols.end()) {
+    if (found == elf_.symbols.end())
       return refuse("the file exports no law: end it with LITHE_LAW(Type, \"name\");", lines_.last());
-    }
     const ElfSection* section = elf_.section(found->section);
     LitheLaw law;
     const bool whole = section != nullptr && found->type == STT_OBJECT && found->visibility == STV_DEFAULT &&
@@ -186,13 +184,11 @@ class Object {
     if (!whole)
       return refuse("lithe_law is not a descriptor of this contract: use LITHE_LAW(Type, \"name\"); as it is");
     std::memcpy(&law, section->bytes.data() + found->value, sizeof law);
-    if (!points_into(*found, offsetof(LitheLaw, step), true)) {
+    if (!points_into(*found, offsetof(LitheLaw, step), true))
       return refuse("the descriptor's step is not a function of this law: use LITHE_LAW(Type, \"name\"); as it is");
-    }
     const bool has_init = is_linked(*found, offsetof(LitheLaw, init));
-    if (has_init && !points_into(*found, offsetof(LitheLaw, init), true)) {
+    if (has_init && !points_into(*found, offsetof(LitheLaw, init), true))
       return refuse("the descriptor's init is not a function of this law: use LITHE_LAW(Type, \"name\"); as it is");
-    }
     const bool defaults = points_into(*found, offsetof(LitheLaw, state_defaults), false);
     law.step = reinterpret_cast<decltype(law.step)>(std::uintptr_t{1});  // linked later: see points_into
     law.state_defaults = defaults || law.state_size == 0 ? &law : nullptr;
@@ -202,9 +198,8 @@ class Object {
   }
 
   const ElfRelocation* link_at(const ElfSymbol& law, std::size_t offset) const {
-    for (const ElfRelocation& relocation : elf_.relocations) {
+    for (const ElfRelocation& relocation : elf_.relocations)
       if (relocation.section == law.section && relocation.offset == law.value + offset) return &relocation;
-    }
     return nullptr;
   }
   bool is_linked(const ElfSymbol& law, std::size_t offset) const { return link_at(law, offset) != nullptr; }
@@ -218,9 +213,8 @@ class Object {
 
   void check_size() {
     std::uint64_t text = 0, constants = 0;
-    for (const ElfSection& section : elf_.sections) {
+    for (const ElfSection& section : elf_.sections)
       if (in_memory(section)) (is_code(section) ? text : constants) += section.size;
-    }
     const auto kib = [](std::uint64_t bytes) { return std::to_string((bytes + 1023) / 1024) + " KiB"; };
     if (text > kMaxTextBytes) {
       refuse("the law has " + kib(text) + " of code; " + kib(kMaxTextBytes) +

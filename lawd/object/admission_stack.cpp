@@ -195,9 +195,8 @@ void check_stack(const Compiled& compiled, const SourceLines& lines, Admission& 
     const std::size_t before = out.findings.size();
     const auto text = read_file(compiled.object_path.substr(0, compiled.object_path.rfind('.')) + ".ci");
     const Graph graph(text.value_or(""), lines);
-    if (graph.nodes().empty()) {
+    if (graph.nodes().empty())
       return out.not_applied = "the compiler wrote no call graph: how deep the stack gets is not known";
-    }
     check_frames(graph, out);
     const std::uint64_t bytes = Depth(graph, out).deepest();
     if (out.findings.size() == before && bytes > kMaxStackBytes) {

@@ -41,9 +41,8 @@ std::string script_for(std::uint32_t slot) {
       "  .rodata : {{ *(.rodata .rodata.*) *(.data.rel.ro .data.rel.ro.*) *(.got .got.plt) }}\n"
       "  /DISCARD/ : {{ *(.comment .note .note.* .eh_frame .eh_frame_hdr .gnu.*) }}\n}}\n",
       arena::slot_address(slot));
-  for (std::size_t i = 0; i < arena::veneers().size(); ++i) {
+  for (std::size_t i = 0; i < arena::veneers().size(); ++i)
     text += fmt::format("PROVIDE({} = {:#x});\n", arena::veneers()[i].name, arena::veneer_address(i));
-  }
   return text + fmt::format("PROVIDE(__stack_chk_guard = {:#x});\n", arena::kGuardWord);
 }
 
@@ -65,27 +64,24 @@ std::string undefined_names(const std::string& words) {
 std::string read_linked(std::string_view elf, std::uint32_t slot, Linked& linked) {
   const ElfHandle program = open_elf(elf);
   GElf_Ehdr head;
-  if (gelf_getehdr(program.get(), &head) == nullptr || head.e_type != ET_EXEC) {
+  if (gelf_getehdr(program.get(), &head) == nullptr || head.e_type != ET_EXEC)
     return "the linker made something else than a program";
-  }
   const std::uint64_t base = arena::slot_address(slot);
   for (int i = 0; i < head.e_phnum; ++i) {
     GElf_Phdr segment;
     if (gelf_getphdr(program.get(), i, &segment) == nullptr) return "the linker's output is damaged";
     if (segment.p_type != PT_LOAD || segment.p_memsz == 0) continue;
     const std::uint64_t offset = segment.p_vaddr - base;
-    if (segment.p_vaddr < base || offset > arena::kSlotBytes || segment.p_memsz > arena::kSlotBytes - offset) {
+    if (segment.p_vaddr < base || offset > arena::kSlotBytes || segment.p_memsz > arena::kSlotBytes - offset)
       return fmt::format("its code and constants do not fit: a law may have {} KiB", arena::kSlotBytes / 1024);
-    }
     if (segment.p_filesz != segment.p_memsz) return "it has variables outside its State";
     if (segment.p_offset > elf.size() || segment.p_filesz > elf.size() - segment.p_offset)
       return "the file is cut short";
     linked.bytes.resize(std::max<std::size_t>(linked.bytes.size(), offset + segment.p_memsz));
     std::memcpy(linked.bytes.data() + offset, elf.data() + segment.p_offset, segment.p_filesz);
   }
-  if (head.e_entry < base || head.e_entry - base >= linked.bytes.size()) {
+  if (head.e_entry < base || head.e_entry - base >= linked.bytes.size())
     return "the file exports no law: end it with LITHE_LAW(Type, \"name\");";
-  }
   linked.entry = head.e_entry;
   linked.hash = arena::image_hash(linked.bytes);
   return "";
@@ -116,11 +112,10 @@ std::string why_not_placeable(std::string_view object) {
 Placer::Placer(const Toolchain& toolchain, std::string scratch, int arena_fd)
     : toolchain_(toolchain), scratch_(std::move(scratch)) {
   Result<arena::Writer> writer = arena::Writer::attach(arena_fd);
-  if (writer) {
+  if (writer)
     writer_.emplace(std::move(*writer));
-  } else {
+  else
     error_ = writer.message();
-  }
   if (arena::is_memory(arena_fd)) close(arena_fd);
 }
 
@@ -130,9 +125,8 @@ std::optional<Placer::Failure> Placer::link(const std::string& object, std::uint
   if (const std::string why = why_not_placeable(*bytes); !why.empty()) return Failure{"place", why};
   const ScratchDir scratch(scratch_);
   const std::string script = scratch.path() + "/slot.ld", program = scratch.path() + "/law";
-  if (!(std::ofstream(script) << script_for(slot)).flush()) {
+  if (!(std::ofstream(script) << script_for(slot)).flush())
     return Failure{"cache", "cannot write into " + scratch_ + ": " + scratch.error()};
-  }
   const Outcome outcome = run_program(toolchain_.place_command(object, script, program), Limits{});
   if (outcome.starved) return Failure{"place", starved_text("the linker", outcome), true};
   if (const std::string names = undefined_names(outcome.output); !names.empty()) {
@@ -158,9 +152,8 @@ json Placer::place(const std::string& name, const std::string& object, std::uint
   const Linked* linked = remembered(name, slot);
   if (linked == nullptr) {
     Linked fresh;
-    if (const auto failure = link(object, slot, fresh)) {
+    if (const auto failure = link(object, slot, fresh))
       return failure->starved ? refuse_starved(failure->text) : refuse(failure->stage, failure->text);
-    }
     if (links_.size() == kMaxLinks) links_.erase(links_.begin());
     linked = &links_.emplace_back(fmt::format("{}@{}", name, slot), std::move(fresh)).second;
   }
@@ -175,13 +168,11 @@ json Placer::place(const std::string& name, const std::string& object, std::uint
 json Placer::locate(const std::string& object, std::uint32_t offset) const {
   const ScratchDir scratch(scratch_);
   const std::string script = scratch.path() + "/slot.ld", program = scratch.path() + "/law";
-  if (!(std::ofstream(script) << script_for(1)).flush()) {
+  if (!(std::ofstream(script) << script_for(1)).flush())
     return refuse("cache", "cannot write into " + scratch_ + ": " + scratch.error());
-  }
   const auto command = toolchain_.place_command(object, script, program, Toolchain::Lines::kept);
-  if (const Outcome linked = run_program(command, Limits{}); !linked.clean()) {
+  if (const Outcome linked = run_program(command, Limits{}); !linked.clean())
     return refuse("locate", "the link failed: " + linked.output);
-  }
   return own_place(program, arena::slot_address(1) + offset);
 }
 

@@ -266,9 +266,8 @@ TEST_F(PlaceTest, ThousandPlacementsKeepMemoryFilesAndFoldersFlat) {
     if (i == 99) before = use();
   }
   const Use after = use();
-  if (!kFreedMemoryIsKept) {
+  if (!kFreedMemoryIsKept)
     EXPECT_LE(after.resident_kib - before.resident_kib, 512) << "KiB more after another 900 placements";
-  }
   EXPECT_EQ(after.descriptors, before.descriptors);
   EXPECT_EQ(after.files, before.files);
 }

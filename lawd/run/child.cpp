@@ -26,9 +26,8 @@ double g_patience = 1;
 
 // In the child.
 void set_limits(const Limits& limits) {
-  for (const int signal : {SIGPIPE, SIGINT, SIGTERM, SIGSEGV, SIGFPE, SIGILL, SIGBUS, SIGABRT}) {
+  for (const int signal : {SIGPIPE, SIGINT, SIGTERM, SIGSEGV, SIGFPE, SIGILL, SIGBUS, SIGABRT})
     ::signal(signal, SIG_DFL);
-  }
   const int null = open("/dev/null", O_RDWR);
   for (const int fd : {0, 1, 2}) dup2(null, fd);
   limit(RLIMIT_CORE, 0);

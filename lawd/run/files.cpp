@@ -78,11 +78,10 @@ ScratchDir::ScratchDir(const std::string& parent) {
   std::error_code failed;
   std::filesystem::create_directories(parent, failed);
   std::string name = parent + "/scratch.XXXXXX";
-  if (mkdtemp(name.data()) == nullptr) {
+  if (mkdtemp(name.data()) == nullptr)
     error_ = std::strerror(errno);
-  } else {
+  else
     path_ = name;
-  }
 }
 
 ScratchDir::~ScratchDir() {

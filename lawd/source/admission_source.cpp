@@ -68,9 +68,8 @@ class Source {
   void check_prose() {
     static const std::string alone = ": send the file's C++ alone, and put explanations into // comments";
     const auto is_prose = [this](std::size_t i) { return at(i).kind == TokenKind::word && !is_keyword(at(i).text); };
-    for (std::size_t i = 0; i < tokens_.list.size(); ++i) {
+    for (std::size_t i = 0; i < tokens_.list.size(); ++i)
       if (is_mark(i, "`")) return refuse(at(i), "a code fence (```) is not C++" + alone);
-    }
     const bool has_own_rule = is_reserved(at(0).text) || !why_word_is_refused(at(0).text).empty();
     if (is_prose(0) && !has_own_rule && !is_mark(1, "::") && !is_mark(1, "("))
       return refuse(at(0), "'" + at(0).text + "' begins no C++ file" + alone);
@@ -79,16 +78,14 @@ class Source {
     if (end == 0) return;
     while (end < tokens_.list.size() && !is_mark(end, ")")) ++end;
     end += is_mark(end + 1, ";") ? 2 : 1;
-    if (is_prose(end) && at(end + 1).kind == TokenKind::word && at(end + 2).kind == TokenKind::word) {
+    if (is_prose(end) && at(end + 1).kind == TokenKind::word && at(end + 2).kind == TokenKind::word)
       refuse(at(end), "'" + at(end).text + "' after LITHE_LAW is no C++" + alone);
-    }
   }
 
   template <class Body>
   void each_directive(Body body) {
-    for (std::size_t i = 0; i < tokens_.list.size(); ++i) {
+    for (std::size_t i = 0; i < tokens_.list.size(); ++i)
       if (at(i).first && is_mark(i, "#")) body(i + 1);
-    }
   }
   bool same_directive(std::size_t i) const { return at(i).directive && !at(i).first; }
 
@@ -118,11 +115,9 @@ class Source {
 
   void check_preprocessor() {
     each_directive([this](std::size_t at) { check_directive(at); });
-    for (const Token& token : tokens_.list) {
-      if (token.kind == TokenKind::mark && token.text == "##") {
+    for (const Token& token : tokens_.list)
+      if (token.kind == TokenKind::mark && token.text == "##")
         refuse(token, "## glues words together that cannot be checked: write them out");
-      }
-    }
   }
 
   void check_directive(std::size_t name) {
@@ -132,13 +127,12 @@ class Source {
     if (!same_directive(name)) return;  // a lone "#"
     const std::string& word = at(name).text;
     if (word == "include_next" || word == "import") return;  // reported already
-    if (!contains(kAllowed, word)) {
+    if (!contains(kAllowed, word))
       refuse(at(name), "#" + word + " is not for laws: remove the line");
-    } else if (word == "pragma") {
+    else if (word == "pragma")
       check_pragma(name);
-    } else if (word == "define" || word == "undef") {
+    else if (word == "define" || word == "undef")
       check_macro_name(name + 1);
-    }
   }
 
   void check_pragma(std::size_t name) {

@@ -174,11 +174,10 @@ class Reader {
   void literal(std::size_t from, char quote) {
     ++at_;
     while (peek() != quote && peek() != '\n') at_ += peek() == '\\' ? 2 : 1;
-    if (peek() != quote || at_ >= text_.size()) {
+    if (peek() != quote || at_ >= text_.size())
       ambiguity(from, std::string("a literal without an end: close it with ") + quote + " on its own line");
-    } else {
+    else
       ++at_;
-    }
     if (at_ > text_.size()) at_ = text_.size();
     emit(quote == '"' ? TokenKind::text : TokenKind::character, from, std::string(text_.substr(from, at_ - from)));
   }

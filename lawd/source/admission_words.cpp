@@ -297,15 +297,12 @@ bool is_allowed_symbol(std::string_view symbol) {
 
 std::string why_symbol_is_refused(std::string_view symbol, std::string_view readable) {
   const std::string_view bare = readable.substr(0, readable.find('('));
-  for (const Group& group : kGroups) {
+  for (const Group& group : kGroups)
     if (!bare.empty() && (contains(group.names, symbol) || contains(group.names, bare))) return std::string(group.why);
-  }
-  for (const Word& entry : kAdvice) {
+  for (const Word& entry : kAdvice)
     if (readable.starts_with(entry.word)) return std::string(entry.why);
-  }
-  if (symbol.ends_with("l") && is_allowed_symbol(symbol.substr(0, symbol.size() - 1))) {
+  if (symbol.ends_with("l") && is_allowed_symbol(symbol.substr(0, symbol.size() - 1)))
     return "long double is not the same on every machine: use double";
-  }
   return "a law may use itself, the contract and <cmath> only: compute it in the law";
 }
 

@@ -114,9 +114,8 @@ class Cleaner {
   // False: it cannot be told which block is meant.
   bool take_block(Admission& out) {
     std::vector<std::size_t> fences;
-    for (std::size_t i = 0; i < lines_.size(); ++i) {
+    for (std::size_t i = 0; i < lines_.size(); ++i)
       if (!in_comment_[i] && is_fence(lines_[i])) fences.push_back(i);
-    }
     if (fences.empty()) return true;
     std::vector<Block> inside, outside = {{0, fences.front()}};
     for (std::size_t i = 0; i < fences.size(); ++i) {
@@ -126,9 +125,8 @@ class Cleaner {
     const auto block = choose(inside, outside, out);
     if (!block) return false;
     const std::size_t before = not_blank();
-    for (std::size_t i = 0; i < lines_.size(); ++i) {
+    for (std::size_t i = 0; i < lines_.size(); ++i)
       if (i < block->from || i >= block->to) lines_[i].clear();
-    }
     const bool only = inside.size() == 1;
     notes_.push_back(fmt::format("the code block in {} was taken, {}; {} other lines were left out", line_range(*block),
                                  only ? "the only one" : "the only one with LITHE_LAW", before - not_blank()));
@@ -165,13 +163,11 @@ class Cleaner {
         kept[k] = kept[k] || tokens.list[i].text == kSpellings[k].word;
     }
     std::size_t escapes = 0, others = 0;
-    for (std::size_t i = 0; i < lines_.size(); ++i) {
+    for (std::size_t i = 0; i < lines_.size(); ++i)
       if (!in_comment_[i]) lines_[i] = spelled(lines_[i], kept, escapes, others);
-    }
     if (escapes > 0) notes_.push_back(fmt::format("HTML escapes (&lt; &gt; &amp; ...) were replaced: {}", escapes));
-    if (others > 0) {
+    if (others > 0)
       notes_.push_back(fmt::format("typographic quotes, dashes and blanks were replaced by plain ones: {}", others));
-    }
   }
 
   std::string text() const {

@@ -69,9 +69,8 @@ constexpr auto kAliases = std::to_array<Alias>({{"q", "position_rad"},
 
 // Smaller is nearer: a name that is part of the other counts as nearly the same.
 std::size_t farness(std::string_view wanted, std::string_view field) {
-  for (const Alias& each : kAliases) {
+  for (const Alias& each : kAliases)
     if (field == each.field && (wanted == each.word || wanted.starts_with(std::string(each.word) + "_"))) return 0;
-  }
   if (has_text(field, wanted) || has_text(wanted, field)) return 1 + (field.starts_with(wanted) ? 0 : 1);
   return 2 + distance(wanted, field);
 }
@@ -176,9 +175,8 @@ std::vector<std::string> Help::fields(std::string_view type) const {
 std::string Help::with_help(const std::string& message) const {
   std::string help = about_field(message);
   if (help.empty()) help = about_name(message);
-  for (const Advice& each : kAdvice) {
+  for (const Advice& each : kAdvice)
     if (help.empty() && has_text(message, each.part) && has_text(message, each.also)) help = each.says;
-  }
   return help.empty() ? message : message + ": " + help;
 }
 
@@ -196,9 +194,8 @@ std::string Help::about_field(const std::string& message) const {
   std::string help = type + " has " + listed(own, wanted);
   for (const Argument& each : kArguments) {
     const std::vector<std::string> others = fields(each.type);
-    if (each.type != type && std::find(others.begin(), others.end(), wanted) != others.end()) {
+    if (each.type != type && std::find(others.begin(), others.end(), wanted) != others.end())
       help += "; " + wanted + " is a field of " + each.type;
-    }
   }
   return help;
 }
@@ -215,17 +212,15 @@ std::string Help::about_name(const std::string& message) const {
   if (name == "lithe" || name == "LITHE_LAW") return "the file begins with #include <lithe/law.hpp>";
   if (name == "std") return "the file begins with #include <lithe/law.hpp>, which brings <cmath>, <array>, <algorithm>";
   const bool of_std = message.find("is not a member of") != std::string::npos;
-  for (const std::string_view why : {why_std_name_is_refused(name), why_call_is_refused(name)}) {
+  for (const std::string_view why : {why_std_name_is_refused(name), why_call_is_refused(name)})
     if (!why.empty()) return std::string(why);
-  }
   if (of_std) return "a law has " + allowed_headers_text();
   if (is_one_of(kOfStd, name)) return "write std::" + name;
   if (is_one_of(kOfContract, name)) return "write lithe::" + name;
   for (const Argument& each : kArguments) {
     const std::vector<std::string> own = fields(each.type);
-    if (std::find(own.begin(), own.end(), name) != own.end()) {
+    if (std::find(own.begin(), own.end(), name) != own.end())
       return fmt::format("it is a field of {}: write {}.{} in step({})", each.type, each.letter, name, each.what);
-    }
   }
   return "";
 }

@@ -59,9 +59,8 @@ Result<Mapping> map_stubs() {
   write_stubs(page);
   const Result<Fd> fd = make_memfd("lithe-veneers", kStubBytes, "memory for stubs");
   if (!fd) return fd.error();
-  if (pwrite(fd->get(), page.data(), page.size(), 0) != static_cast<ssize_t>(page.size())) {
+  if (pwrite(fd->get(), page.data(), page.size(), 0) != static_cast<ssize_t>(page.size()))
     return failure("cannot write the arena's stubs");
-  }
   return map_exec(fd->get(), kStubs, kStubBytes, "the arena's stubs");
 }
 

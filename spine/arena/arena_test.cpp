@@ -46,9 +46,8 @@ std::string permissions(std::uint64_t address) {
   for (std::string line; std::getline(maps, line);) {
     unsigned long long from = 0, to = 0;
     char word[8] = "";
-    if (std::sscanf(line.c_str(), "%llx-%llx %7s", &from, &to, word) == 3 && from <= address && address < to) {
+    if (std::sscanf(line.c_str(), "%llx-%llx %7s", &from, &to, word) == 3 && from <= address && address < to)
       return word;
-    }
   }
   return "";
 }
@@ -80,9 +79,8 @@ class ArenaTest : public testing::Test {
 };
 
 TEST_F(ArenaTest, PlacedCodeRunsAndIsReplacedInPlace) {
-  for (std::uint32_t slot = 1; slot <= kSlots; ++slot) {
+  for (std::uint32_t slot = 1; slot <= kSlots; ++slot)
     ASSERT_TRUE(writer_->place(slot, code_that_returns(static_cast<std::uint8_t>(slot))));
-  }
   for (std::uint32_t slot = 1; slot <= kSlots; ++slot) EXPECT_EQ(call(slot), static_cast<int>(slot));
   if (const std::string why = test::why_code_stays_old(); !why.empty()) GTEST_SKIP() << why;
   ASSERT_TRUE(writer_->place(3, code_that_returns(77)));

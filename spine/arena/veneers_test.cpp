@@ -19,11 +19,10 @@ class Veneers : public testing::Test {
     Result<int> memory = make_memory();
     if (memory) fd_ = *memory;
     Result<Arena> arena = memory ? Arena::attach_exec(fd_) : Result<Arena>(memory.error());
-    if (arena) {
+    if (arena)
       arena_ = std::make_unique<Arena>(std::move(*arena));
-    } else {
+    else
       why_ = arena.message();
-    }
   }
   ~Veneers() override { close(fd_); }
   void SetUp() override {
@@ -33,9 +32,8 @@ class Veneers : public testing::Test {
   // The function behind a name, reached the way a law reaches it.
   template <class Function>
   static Function* through_stub(std::string_view name) {
-    for (std::size_t i = 0; i < veneers().size(); ++i) {
+    for (std::size_t i = 0; i < veneers().size(); ++i)
       if (veneers()[i].name == name) return reinterpret_cast<Function*>(veneer_address(i));
-    }
     ADD_FAILURE() << "no veneer " << name;
     return nullptr;
   }
@@ -65,9 +63,8 @@ TEST_F(Veneers, MathsThroughStubsGivesTheSameBitsAsADirectCall) {
       {"atan2", ::atan2}, {"pow", ::pow}, {"hypot", ::hypot}, {"fmod", ::fmod}, {"remainder", ::remainder}};
   for (const auto& [name, direct] : two) {
     auto* stub = through_stub<double(double, double)>(name);
-    for (const double x : kInputs) {
+    for (const double x : kInputs)
       for (const double y : kInputs) EXPECT_TRUE(same_bits(stub(x, y), direct(x, y))) << name << " " << x << " " << y;
-    }
   }
 }
 
@@ -76,9 +73,7 @@ TEST_F(Veneers, FloatsIntegersAndPointersPassUnchanged) {
   auto* lround_stub = through_stub<long(double)>("lround");
   for (const double x : kInputs) {
     EXPECT_TRUE(same_bits(sinf_stub(static_cast<float>(x)), ::sinf(static_cast<float>(x)))) << x;
-    if (std::abs(x) < 1e9) {
-      EXPECT_EQ(lround_stub(x), ::lround(x));
-    }
+    if (std::abs(x) < 1e9) EXPECT_EQ(lround_stub(x), ::lround(x));
   }
   double sine = 0, cosine = 0;
   through_stub<void(double, double*, double*)>("sincos")(0.3, &sine, &cosine);

@@ -28,9 +28,7 @@ class Environment {
   void restore() const LITHE_RT {
     const std::uint64_t flags = __builtin_ia32_readeflags_u64();
     if (((_mm_getcsr() ^ mxcsr_) & ~kSticky) != 0) _mm_setcsr(mxcsr_);
-    if (x87_control() != x87_ || (x87_status() & kX87Top) != 0) {
-      asm volatile("fninit\n\tfldcw %0" : : "m"(x87_));
-    }
+    if (x87_control() != x87_ || (x87_status() & kX87Top) != 0) asm volatile("fninit\n\tfldcw %0" : : "m"(x87_));
     if ((flags & kBadFlags) != 0) __builtin_ia32_writeeflags_u64(flags & ~kBadFlags);
   }
 

@@ -121,9 +121,8 @@ Result<> FaultBarrier::guard(void* block, std::size_t bytes) {
   });
   if (!core.guards) return core.failure;
   const void* broken = core.protected_memory->check();
-  if (broken != nullptr && !core.failure) {
+  if (broken != nullptr && !core.failure)
     core.failure = {wire::LawFaultKind::state_broken, 0, reinterpret_cast<std::uintptr_t>(broken)};
-  }
   return core.failure;
 }
 

@@ -60,13 +60,11 @@ TEST_F(FaultBarrierTest, AnotherThreadHasItsOwnBarrier) {
   FaultBarrier barrier = open_barrier();
   std::thread other([] {
     FaultBarrier own = open_barrier();
-    for (int i = 0; i < 100; ++i) {
+    for (int i = 0; i < 100; ++i)
       EXPECT_EQ(own.run(kNoDeadline, bad::overflow_stack, nullptr).kind, LawFaultKind::bad_access);
-    }
   });
-  for (int i = 0; i < 100; ++i) {
+  for (int i = 0; i < 100; ++i)
     EXPECT_EQ(barrier.run(kNoDeadline, bad::overflow_stack, nullptr).kind, LawFaultKind::bad_access);
-  }
   other.join();
 }
 
@@ -121,9 +119,8 @@ TEST_F(FaultBarrierTest, AMaskALawDiesWithIsPutRight) {
   };
   EXPECT_EQ(barrier.run(kNoDeadline, block_and_die, nullptr).kind, LawFaultKind::bad_access);
   pthread_sigmask(SIG_SETMASK, nullptr, &after);
-  for (int signal = 1; signal < SIGRTMAX; ++signal) {
+  for (int signal = 1; signal < SIGRTMAX; ++signal)
     EXPECT_EQ(sigismember(&before, signal), sigismember(&after, signal)) << signal;
-  }
 }
 
 // The environment of floating-point arithmetic, as far as a program can see it.

@@ -99,9 +99,8 @@ Result<> install(int signal, void (*handler)(int, siginfo_t*, void*), struct sig
 }
 
 Result<> install_all() {
-  for (std::size_t i = 0; i < kFaults.size(); ++i) {
+  for (std::size_t i = 0; i < kFaults.size(); ++i)
     if (Result<> installed = install(kFaults[i].signal, on_fault, &g_before[i]); !installed) return installed;
-  }
   return install(watch_signal(), on_watch_signal<SameCall>, nullptr);
 }
 

@@ -107,9 +107,8 @@ namespace lithe::contain {
 Result<LawStack> LawStack::make() {
   LawStack stack;
   stack.memory_ = Mapping::make(kLawStackBytes + 2 * kLawGuardBytes, PROT_NONE, MAP_NORESERVE);
-  if (!stack.memory_ || mprotect(stack.memory_.bytes() + kLawGuardBytes, kLawStackBytes, PROT_READ | PROT_WRITE) != 0) {
+  if (!stack.memory_ || mprotect(stack.memory_.bytes() + kLawGuardBytes, kLawStackBytes, PROT_READ | PROT_WRITE) != 0)
     return Error{std::string("no memory for a law's stack: ") + std::strerror(errno)};
-  }
   std::byte* bottom = stack.memory_.bytes() + kLawGuardBytes;
   mlock(bottom, kLawStackBytes);  // without the right to lock it is at least resident now
   std::memset(bottom, 0, kLawStackBytes);

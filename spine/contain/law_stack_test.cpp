@@ -66,9 +66,8 @@ TEST_F(LawStackTest, BothEndsAreGuardedFurtherThanAFrameReaches) {
   const auto store = [](void* at) { bad::store_at(*static_cast<std::uintptr_t*>(at)); };
   std::uintptr_t inside = top - kLawStackBytes, below = inside - 4, above = top, far_below = inside - kLawGuardBytes;
   EXPECT_FALSE(barrier.run(kNoDeadline, store, &inside));
-  for (std::uintptr_t* at : {&below, &above, &far_below}) {
+  for (std::uintptr_t* at : {&below, &above, &far_below})
     EXPECT_EQ(barrier.run(kNoDeadline, store, at).kind, LawFaultKind::bad_access);
-  }
   expect_goes_on(barrier);
 }
 

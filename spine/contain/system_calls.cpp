@@ -46,9 +46,8 @@ Result<Restorer> find_restorer() {
     std::uintptr_t restorer;
     std::uint64_t mask;
   } action{};
-  if (syscall(SYS_rt_sigaction, watch_signal(), nullptr, &action, sizeof action.mask) != 0 || action.restorer == 0) {
+  if (syscall(SYS_rt_sigaction, watch_signal(), nullptr, &action, sizeof action.mask) != 0 || action.restorer == 0)
     return Error{"the handlers are not installed: call install_handlers() first"};
-  }
   return Restorer{action.restorer};
 }
 
@@ -92,10 +91,8 @@ std::vector<sock_filter> make_filter(std::span<const int> also) {
 Result<> filter_here(std::span<const int> also) {
   std::vector<sock_filter> steps = make_filter(also);
   const sock_fprog program{static_cast<unsigned short>(steps.size()), steps.data()};
-  if (prctl(PR_SET_NO_NEW_PRIVS, 1ul, 0ul, 0ul, 0ul) == 0 &&
-      prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) == 0) {
+  if (prctl(PR_SET_NO_NEW_PRIVS, 1ul, 0ul, 0ul, 0ul) == 0 && prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) == 0)
     return done();
-  }
   return Error{std::string("seccomp was refused: ") + std::strerror(errno)};
 }
 

@@ -154,9 +154,8 @@ bool late_signals_change_nothing(Scene& scene) {
     bad::ask_for_parent(nullptr);
   };
   scene.hail.store(true);
-  for (int i = 0; i < 20; ++i) {
+  for (int i = 0; i < 20; ++i)
     if (scene.barrier.run(kNoDeadline, wait_and_call, &scene.barrier).kind != LawFaultKind::system_call) return false;
-  }
   return true;
 }
 
@@ -173,9 +172,8 @@ bool thread_breaks_the_rule(Scene& scene) {
 
 TEST(Gates, TheThreadsOwnCallsAreFreeBehindADispatchAndEndTheProcessBehindAFilter) {
   if (kReportsFaults) GTEST_SKIP() << "a sanitizer's runtime makes system calls of its own, also in a law";
-  if (Gate::exists(CallGate::dispatch)) {
+  if (Gate::exists(CallGate::dispatch))
     EXPECT_EXIT(tell(CallGate::dispatch, thread_breaks_the_rule), testing::ExitedWithCode(kHeld), "");
-  }
   if (!Gate::exists(CallGate::filter)) GTEST_SKIP() << "this kernel has no filter";
   EXPECT_EXIT(tell(CallGate::filter, thread_breaks_the_rule), testing::KilledBySignal(SIGSYS), "");
 }

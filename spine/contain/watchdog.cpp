@@ -58,9 +58,8 @@ Result<> Watchdog::watch(FaultBarrier& barrier) {
 
 void Watchdog::forget(const Core& core) {
   const std::lock_guard lock(mutex_);
-  for (Watched& place : watched_) {
+  for (Watched& place : watched_)
     if (place.core == &core) place = {};
-  }
 }
 
 void Watchdog::run(const std::atomic<bool>& stop) noexcept {
@@ -82,9 +81,8 @@ std::int64_t Watchdog::look(std::int64_t now_ns) noexcept {
   const bool on_time = now_ns - last_look_ns_ <= kLooksMissed * std::max(config_.look_every_ns, kShortestLookNs);
   last_look_ns_ = now_ns;
   std::int64_t wait_ns = config_.look_every_ns;
-  for (Watched& watched : watched_) {
+  for (Watched& watched : watched_)
     if (watched.core != nullptr) wait_ns = std::min(wait_ns, look_at(watched, now_ns, on_time));
-  }
   const bool idle = wait_ns == config_.look_every_ns && now_ns - last_call_ns_ > config_.idle_after_ns;
   return idle ? config_.idle_look_every_ns : wait_ns;
 }
@@ -143,11 +141,10 @@ std::int64_t Watchdog::look_at(Watched& watched, std::int64_t now_ns, bool on_ti
     return config_.look_every_ns;
   }
   watched.noticed = core.noticed.load(std::memory_order_relaxed) == call;
-  if (watched.noticed) {
+  if (watched.noticed)
     open_account(watched, now_ns, config_.notice_ns);
-  } else {
+  else
     tell(watched, call, Ask::notice, now_ns);
-  }
   return std::min(config_.notice_ns, config_.look_every_ns);
 }
 

@@ -41,9 +41,8 @@ TEST_F(WatchdogTest, ASpinningWatchdogDoesTheSame) {
   Guarded guarded(spinning);
   FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
-  for (int i = 0; i < 20; ++i) {
+  for (int i = 0; i < 20; ++i)
     ASSERT_EQ(barrier.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran) << i;
-  }
 }
 
 TEST_F(WatchdogTest, TheFirstCallAfterALongPauseIsWatchedToo) {
@@ -95,9 +94,8 @@ TEST_F(WatchdogTest, ProtectedMemoryYoungerThanTheWatchdogsThreadIsOpenToIt) {
   ASSERT_TRUE(protected_memory) << protected_memory.message();
   FaultBarrier barrier = open_barrier(protected_memory->get());
   watch(guarded.dog, barrier);
-  for (int i = 0; i < 20; ++i) {
+  for (int i = 0; i < 20; ++i)
     ASSERT_EQ(barrier.run(deadline(), bad::loop_forever, nullptr).kind, LawFaultKind::overran);
-  }
 }
 
 // What the two threads share without a signal: for ThreadSanitizer too, which holds signals back.

@@ -45,9 +45,8 @@ constexpr Range kHidden[] = {{0x00, 0x1F},     {0x7F, 0x9F},      {0xAD, 0xAD}, 
                              {0xFFF9, 0xFFFB}, {0xE0000, 0xE0FFF}};
 
 bool is_hidden(std::uint32_t code) {
-  for (const Range& range : kHidden) {
+  for (const Range& range : kHidden)
     if (range.from <= code && code <= range.to) return true;
-  }
   return false;
 }
 
@@ -86,11 +85,10 @@ std::string printable(std::string_view text, bool keep_lines) {
     const std::size_t length = sequence_length(text.substr(i));
     const std::string_view sequence = text.substr(i, length == 0 ? 1 : length);
     const std::uint32_t code = length == 0 ? static_cast<std::uint8_t>(text[i]) : code_point(sequence);
-    if (length != 0 && (!is_hidden(code) || (keep_lines && is_line_mark(text[i])))) {
+    if (length != 0 && (!is_hidden(code) || (keep_lines && is_line_mark(text[i]))))
       out += sequence;
-    } else {
+    else
       out += written_out(code);
-    }
     i += sequence.size();
   }
   return out;

@@ -24,9 +24,8 @@ constexpr std::array kWorstFirst{Fault::drive_fault,    Fault::drive_watchdog, F
                                  Fault::velocity_limit, Fault::recover_failed, Fault::brain_stale};
 
 Fault worse(Fault a, Fault b) LITHE_RT {
-  for (const Fault each : kWorstFirst) {
+  for (const Fault each : kWorstFirst)
     if (a == each || b == each) return each;
-  }
   return Fault::none;
 }
 

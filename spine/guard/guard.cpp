@@ -102,9 +102,8 @@ Verdict Guard::check(const Input& in, JointCommands& out) LITHE_RT {
     }
     return {.flags = verdict.flags};
   }
-  for (std::size_t j = 0; j < joints_; ++j) {
+  for (std::size_t j = 0; j < joints_; ++j)
     joint_[j].envelope.in_flight(joint_[j].sent.least_nm, joint_[j].sent.most_nm);
-  }
   verdict.fault = fault;
   verdict.recovering = in.mode == Mode::recover;
   descend_all(in, verdict.use_safe_law);

@@ -72,9 +72,8 @@ TEST(GuardInvariant, OutputIsFiniteAndWithinLimitsForAnyBitsWhatsoever) {
   std::mt19937_64 random(4);
   Bench bench(robot_with(kMaxJoints));
   const auto noise = [&](JointArray& values) {
-    for (double& value : values) {
+    for (double& value : values)
       value = random() % 2 == 0 ? std::bit_cast<double>(random()) : static_cast<double>(random() % 2000) / 500 - 2;
-    }
   };
   for (int i = 0; i < 20'000; ++i) {
     for (JointArray* values : {&bench.torque, &bench.velocity_target, &bench.kp, &bench.kd}) noise(*values);

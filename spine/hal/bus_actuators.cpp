@@ -212,9 +212,8 @@ void BusActuators::compare(Joint& joint, const Frame& frame) LITHE_RT {
 
 // A joint that was not asked keeps its sample and its `fresh` bit.
 void BusActuators::settle() LITHE_RT {
-  for (std::size_t i = 0; i < joints_.size(); ++i) {
+  for (std::size_t i = 0; i < joints_.size(); ++i)
     if (joints_[i].asked) settle(joints_[i], i);
-  }
   counters_.late = late_answers_;
   counters_.duplicate = repeated_answers_;
   counters_.malformed = malformed_answers_;
@@ -238,11 +237,10 @@ void BusActuators::settle(Joint& joint, std::size_t index) LITHE_RT {
   } else if (joint.answered && (joint.conflicts_in_a_row < misses_to_lost_ || ++joint.sound_in_a_row >= kSoundAgain)) {
     joint.conflicts_in_a_row = joint.sound_in_a_row = 0;
   }
-  if (joint.answered && !joint.contradicted) {
+  if (joint.answered && !joint.contradicted)
     settle_answer(joint, index);
-  } else {
+  else
     settle_miss(joint, index);
-  }
   joint.contradicted = false;
   if (joint.conflicts_in_a_row == misses_to_lost_) last_.status[index] |= wire::joint_status::kConflict;
 }

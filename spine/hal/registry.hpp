@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kinds of devices and buses: one row each with all that differs between them; no other code chooses by kind. What the
-// robot file needs is in the rows of spine/robot/kinds.hpp, simulations are in those of spine/hal/sim/sim_registry.hpp.
+// The kinds of devices and buses: one row each with all that differs between them; no other code chooses by kind. What
+// the robot file needs is in the rows of spine/robot/kinds.hpp, simulations are in those of
+// spine/hal/sim/sim_registry.hpp.
 #pragma once
 
 #include <cstddef>

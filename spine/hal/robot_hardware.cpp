@@ -26,9 +26,8 @@ class Hardware final : public Actuators {
 
   Result<> open(const MakeSimulation& make_simulation) {
     if (Result<> simulated = simulate(make_simulation); !simulated) return simulated;
-    for (std::size_t i = 0; i < config_.buses.size(); ++i) {
+    for (std::size_t i = 0; i < config_.buses.size(); ++i)
       if (Result<> opened = add_bus(i); !opened) return opened;
-    }
     for (const robot::JointConfig& joint : config_.joints) add_joint(joint);
     add_sensors();
     return done();
@@ -153,9 +152,8 @@ class Hardware final : public Actuators {
 
 Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, HardwareOptions options) {
   auto hardware = std::make_unique<Hardware>(config, options.tap, std::move(options.pi3hat));
-  if (Result<> opened = hardware->open(options.make_simulation); !opened) {
+  if (Result<> opened = hardware->open(options.make_simulation); !opened)
     return Error{config.path + ": " + opened.message()};
-  }
   return std::unique_ptr<Actuators>(std::move(hardware));
 }
 

@@ -35,9 +35,8 @@ class ChannelWriter {
   void write(const T& value, const wire::WordRanges& used) LITHE_RT {
     std::uint64_t count = load_word(memory_->latest, std::memory_order_relaxed) + 1;
     // acquire: the predecessor's value comes before our announcement of it.
-    if (load_word(memory_->slots[count & 3].record.sequence, std::memory_order_acquire) == 2 * count) {
+    if (load_word(memory_->slots[count & 3].record.sequence, std::memory_order_acquire) == 2 * count)
       store_word(memory_->latest, count++, std::memory_order_release);
-    }
     memory_->slots[count & 3].record.write(count, value, used);
     // release, with the acquire load in read(): the record's even sequence is visible before its number.
     store_word(memory_->latest, count, std::memory_order_release);

@@ -26,9 +26,8 @@ struct Even {
     return value;
   }
   bool whole() const {
-    for (const std::uint64_t w : word) {
+    for (const std::uint64_t w : word)
       if (w != word[0]) return false;
-    }
     return true;
   }
 };

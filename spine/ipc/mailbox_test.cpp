@@ -26,9 +26,8 @@ struct CommandTicket {
     return letter;
   }
   bool whole() const {
-    for (const std::uint64_t w : word) {
+    for (const std::uint64_t w : word)
       if (w != word[0]) return false;
-    }
     return true;
   }
 };
@@ -201,13 +200,11 @@ TEST(Mailbox, NothingIsLostBetweenThreads) {
   constexpr std::uint64_t kLetters = 50'000;
   std::thread sending([&] {
     Sender sender(box->letters, box->ack);
-    for (std::uint64_t i = 1; i <= kLetters;) {
-      if (sender.send(CommandTicket::of(i))) {
+    for (std::uint64_t i = 1; i <= kLetters;)
+      if (sender.send(CommandTicket::of(i)))
         ++i;
-      } else {
+      else
         std::this_thread::yield();
-      }
-    }
   });
   CommandTicket letter{};
   std::uint64_t ticket = 0;

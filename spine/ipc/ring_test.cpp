@@ -27,9 +27,8 @@ struct Even {
     return value;
   }
   bool whole() const {
-    for (const std::uint64_t w : word) {
+    for (const std::uint64_t w : word)
       if (w != word[0]) return false;
-    }
     return true;
   }
 };
@@ -219,9 +218,7 @@ TEST(Ring, WriterProcessesKilledAtRandomMomentsNeverTear) {
     const auto pause = std::chrono::microseconds(std::uniform_int_distribution(0, 300)(random));
     for (auto end = std::chrono::steady_clock::now() + pause;
          load_word(memory->head, std::memory_order_acquire) == before || std::chrono::steady_clock::now() < end;) {
-      if (reader.next(record)) {
-        ASSERT_TRUE(record.whole()) << "round " << round;
-      }
+      if (reader.next(record)) ASSERT_TRUE(record.whole()) << "round " << round;
     }
     kill(writer, SIGKILL);
     waitpid(writer, nullptr, 0);

@@ -51,9 +51,8 @@ bool may_be_locked(const std::string& path) {
   char place[64];
   std::snprintf(place, sizeof place, " %02x:%02x:%llu ", major(file.st_dev), minor(file.st_dev),
                 static_cast<unsigned long long>(file.st_ino));
-  for (std::string line; std::getline(locks, line);) {
+  for (std::string line; std::getline(locks, line);)
     if (line.find(place) != std::string::npos) return true;
-  }
   return false;
 }
 
@@ -78,9 +77,8 @@ Result<> check(const std::string& path, const unsigned char* data, std::size_t s
   if (header.layout_hash == wire::kLayoutHash && header.segment_bytes == expected) return done();
   const std::uint64_t offset = header.schema_offset;
   const std::uint64_t bytes = header.schema_bytes;
-  if (offset > size || bytes > size - offset) {
+  if (offset > size || bytes > size - offset)
     return Error{path + ": its schema text lies outside the segment; remove the file and start the robot again"};
-  }
   const std::string_view theirs(reinterpret_cast<const char*>(data) + offset, bytes);
   const std::string difference = schema_difference(wire::kCanonicalSchema, theirs);
   if (difference.empty() && header.segment_bytes >= expected) return done();
@@ -150,20 +148,16 @@ Result<Mapping> attach_mapping(const std::string& path, std::size_t bytes, Acces
                         errno == ENOENT ? "start the robot first: lithe run ROBOT.toml" : "are you in group 'lithe'?");
   }
   struct stat status{};
-  if (fstat(file.get(), &status) != 0 || static_cast<std::size_t>(status.st_size) < sizeof(Header)) {
+  if (fstat(file.get(), &status) != 0 || static_cast<std::size_t>(status.st_size) < sizeof(Header))
     return Error{path + ": too short for a LITHE segment; remove the file and start the robot again"};
-  }
   const auto size = static_cast<std::size_t>(status.st_size);
   void* data =
       mmap(nullptr, size, write ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED | MAP_POPULATE, file.get(), 0);
   if (data == MAP_FAILED) return system_error(path, "cannot map shared memory", "check `ulimit -v`");
   Mapping mapping(data, size);
-  if (size < bytes) {
-    return Error{path + ": shorter than its layout; remove the file and start the robot again"};
-  }
-  if (Result<> checked = check(path, static_cast<const unsigned char*>(data), size, bytes); !checked) {
+  if (size < bytes) return Error{path + ": shorter than its layout; remove the file and start the robot again"};
+  if (Result<> checked = check(path, static_cast<const unsigned char*>(data), size, bytes); !checked)
     return checked.error();
-  }
   return mapping;
 }
 

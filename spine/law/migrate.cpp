@@ -127,9 +127,8 @@ FieldBits apply_migration(const Migration& plan, const std::byte* from, std::byt
       std::memcpy(to + copy.to, from + copy.from, std::size_t{copy.count} * from_bytes);
       continue;
     }
-    for (std::uint32_t k = 0; k < copy.count && k < kMaxStateBytes; ++k) {
+    for (std::uint32_t k = 0; k < copy.count && k < kMaxStateBytes; ++k)
       convert(from + copy.from + k * from_bytes, from_kind, to + copy.to + k * to_bytes, to_kind);
-    }
   }
   return left_out;
 }

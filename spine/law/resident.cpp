@@ -58,15 +58,13 @@ const char* check_law(const LitheLaw& law) {
   if (law.magic != kLawMagic) return "lithe_law is not a law descriptor: end the file with LITHE_LAW(Type, \"name\")";
   if (!is_current(law)) return "the law was compiled against another contract";
   if (law.state_size > kMaxStateBytes || law.state_align > 64) return "State is larger than the Spine's state block";
-  if (law.state_count > kMaxStateFields || law.param_count > kMaxParams || law.probe_count > kMaxProbes) {
+  if (law.state_count > kMaxStateFields || law.param_count > kMaxParams || law.probe_count > kMaxProbes)
     return "more State fields, Params or Probes than the contract allows";
-  }
   if (!is_text(law.name)) return "the law has no name";
   if (!state_is_sound(law)) return "the State description is damaged";
   if (!params_are_sound(law)) return "a Param is outside its own range";
-  for (std::uint32_t i = 0; i < law.probe_count; ++i) {
+  for (std::uint32_t i = 0; i < law.probe_count; ++i)
     if (!is_text(law.probes[i])) return "the Probes description is damaged";
-  }
   if (!names_are_printable(law)) {
     return "a name of the law, or of its State, Params or Probes, is not printable text: no control characters, no "
            "escapes, UTF-8";
@@ -96,9 +94,7 @@ void reset_resident(Resident& resident, const LitheLaw& descriptor) {
     resident.params[i] = Param{p.value, p.min, p.max};
     resident.params_before[i] = p.value;
   }
-  if (descriptor.state_size > 0) {
-    std::memcpy(resident.state.data(), descriptor.state_defaults, descriptor.state_size);
-  }
+  if (descriptor.state_size > 0) std::memcpy(resident.state.data(), descriptor.state_defaults, descriptor.state_size);
 }
 
 void build_bridge(Resident& resident, const Resident& peer) {

@@ -36,9 +36,8 @@ void Sandbox::enter(const Resident& law, const Tick& in) LITHE_RT {
 Result<SandboxMemory> SandboxMemory::make() {
   const std::size_t inside = whole_pages(sizeof(Sandbox)), page = whole_pages(1);
   Mapping pages = Mapping::make(inside + 2 * page, PROT_NONE);
-  if (!pages || mprotect(pages.bytes() + page, inside, PROT_READ | PROT_WRITE) != 0) {
+  if (!pages || mprotect(pages.bytes() + page, inside, PROT_READ | PROT_WRITE) != 0)
     return Error{std::string("no memory for the law's own pages: ") + std::strerror(errno)};
-  }
   auto* sandbox = new (pages.bytes() + page) Sandbox;  // its constructor touches every page
   return SandboxMemory(std::move(pages), sandbox);
 }

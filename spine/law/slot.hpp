@@ -115,9 +115,8 @@ class Slot {
     Resident* target = before(n);
     if (target == nullptr) return false;
     FieldBits bits = 0;
-    if (const Bridge* bridge = active_->bridge_from(*target); bridge != nullptr && carry == Carry::named) {
+    if (const Bridge* bridge = active_->bridge_from(*target); bridge != nullptr && carry == Carry::named)
       bits = apply_migration(bridge->out, active_->state.data(), target->state.data());
-    }
     bits |= mend_state(*target->descriptor, target->state.data());
     if (mended != nullptr) *mended = bits;
     retire(active_);

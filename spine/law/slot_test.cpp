@@ -248,9 +248,8 @@ void run_loader(AnySlot& slot, std::array<Resident, kResidents>& house, std::uin
     r->index = index;
     r->law_id = law_id + 1;
     r->params[0].value = law_id + 1;
-    for (const Resident& peer : house) {
+    for (const Resident& peer : house)
       if (std::find(free.begin(), free.end(), &peer) == free.end()) build_bridge(*r, peer);
-    }
     if (!slot.offer(r)) {
       std::this_thread::yield();
       continue;
@@ -364,9 +363,8 @@ class EarlyPublishSlot : public TwinOfSlot {
 // In a process of its own: a law with two owners may also crash, and then it is caught, too.
 template <class Twin>
 void end_with_1_if_caught() {
-  for (int attempt = 0; attempt < 50; ++attempt) {
+  for (int attempt = 0; attempt < 50; ++attempt)
     if (!race<Twin>(300).sound()) std::_Exit(1);
-  }
   std::_Exit(0);
 }
 

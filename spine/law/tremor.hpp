@@ -140,9 +140,8 @@ class Tremor {
         return {Finding::Kind::oscillation, j, 0.5 * rate_hz_ / joint.last_swing_ticks, joint.last_swing_rad_s,
                 joint.least_swing_rad_s};
       }
-      if (joint.chatter_hz >= chatter_hz_ && joint.chatter_before_hz < 0.5 * chatter_hz_) {
+      if (joint.chatter_hz >= chatter_hz_ && joint.chatter_before_hz < 0.5 * chatter_hz_)
         return {Finding::Kind::chatter, j, joint.chatter_hz, joint.jump_nm, kJumpShare * joint.bounds.torque_max_nm};
-      }
     }
     return {};
   }

@@ -54,9 +54,8 @@ StageResult ArenaStore::load(std::uint32_t place, const wire::StageRequest& requ
   if (in_use(request.slot)) return refuse(StageResult::hostile, "another law in memory has its code there");
   const Range image{arena::slot_address(request.slot), request.code_bytes};
   if (image.bytes > arena::kSlotBytes) return refuse(StageResult::hostile, "the image is larger than a slot");
-  if (!image.holds(request.entry, sizeof(LitheLaw)) || request.entry % alignof(LitheLaw) != 0) {
+  if (!image.holds(request.entry, sizeof(LitheLaw)) || request.entry % alignof(LitheLaw) != 0)
     return refuse(StageResult::hostile, "the law's descriptor lies outside the image");
-  }
   if (arena::image_hash(arena_.slot(request.slot).first(request.code_bytes)) != request.image_hash) {
     return refuse(
         StageResult::image_damaged,

@@ -166,9 +166,8 @@ TEST_F(ArenaStoreTest, ImageSizesThatCannotBeAreHostile) {
 TEST_F(ArenaStoreTest, EveryPointerOfTheDescriptorMustStayInItsSlot) {
   const std::uint64_t end = arena::slot_address(2) + sizeof(Placed);
   using Step = decltype(LitheLaw::step);
-  for (const std::uint64_t step : {end, arena::slot_address(2) - 16, arena::slot_address(3), arena::kStubs}) {
+  for (const std::uint64_t step : {end, arena::slot_address(2) - 16, arena::slot_address(3), arena::kStubs})
     expect_refused(place(2, [&](Placed& p, auto&) { p.law.step = at<Step>(step); }), StageResult::hostile, "its step");
-  }
   expect_refused(place(2, [](Placed& p, auto&) { p.law.step = kIdle.step; }), StageResult::hostile, "its step");
   expect_refused(place(2, [&](Placed& p, auto&) { p.law.init = at<decltype(LitheLaw::init)>(end); }),
                  StageResult::hostile, "its init");

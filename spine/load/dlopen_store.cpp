@@ -37,15 +37,13 @@ const char* check_segments(int fd, const Elf64_Ehdr& head, std::uint64_t size) {
       !fits(head.e_phoff, bytes, size)) {
     return "damaged object: its program headers are not at the given offset";
   }
-  if (pread(fd, segments.data(), bytes, static_cast<off_t>(head.e_phoff)) != static_cast<ssize_t>(bytes)) {
+  if (pread(fd, segments.data(), bytes, static_cast<off_t>(head.e_phoff)) != static_cast<ssize_t>(bytes))
     return "damaged object: cannot read its program headers";
-  }
   for (std::size_t i = 0; i < head.e_phnum; ++i) {
     const Elf64_Phdr& segment = segments[i];
     if (!fits(segment.p_offset, segment.p_filesz, size)) return "damaged object: the file is cut short";
-    if (segment.p_type == PT_LOAD && segment.p_memsz > static_cast<std::uint64_t>(kMaxObjectBytes)) {
+    if (segment.p_type == PT_LOAD && segment.p_memsz > static_cast<std::uint64_t>(kMaxObjectBytes))
       return "damaged object: a segment is larger than 64 MiB";
-    }
   }
   return nullptr;
 }
@@ -60,9 +58,8 @@ void touch_pages(const void* inside) {
   const std::size_t page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   for (std::size_t i = 0; i < head->e_phnum; ++i) {
     if (segment[i].p_type != PT_LOAD) continue;
-    for (std::size_t at = 0; at < segment[i].p_memsz; at += page) {
+    for (std::size_t at = 0; at < segment[i].p_memsz; at += page)
       static_cast<void>(*static_cast<const volatile char*>(base + segment[i].p_vaddr + at));
-    }
   }
 }
 
@@ -76,13 +73,11 @@ const char* check_object(const char* path) {
   if (fstat(fd.get(), &status) != 0 || !S_ISREG(status.st_mode)) return "it is not a regular file";
   if (status.st_size > kMaxObjectBytes) return "the object is larger than 64 MiB";
   Elf64_Ehdr head{};
-  if (pread(fd.get(), &head, sizeof head, 0) != sizeof head || std::memcmp(head.e_ident, ELFMAG, SELFMAG) != 0) {
+  if (pread(fd.get(), &head, sizeof head, 0) != sizeof head || std::memcmp(head.e_ident, ELFMAG, SELFMAG) != 0)
     return "it is not an ELF object: give the file lawd made, not the source";
-  }
   constexpr unsigned char kData = std::endian::native == std::endian::little ? ELFDATA2LSB : ELFDATA2MSB;
-  if (head.e_ident[EI_CLASS] != ELFCLASS64 || head.e_ident[EI_DATA] != kData || head.e_machine != kMachine) {
+  if (head.e_ident[EI_CLASS] != ELFCLASS64 || head.e_ident[EI_DATA] != kData || head.e_machine != kMachine)
     return "the object was made for another kind of machine";
-  }
   if (head.e_type != ET_DYN) return "it is not a shared object";
   return check_segments(fd.get(), head, static_cast<std::uint64_t>(status.st_size));
 }

@@ -23,9 +23,8 @@ void copy_text(char* to, const char (&from)[N]) {
 // with which the law was never tried. False: unknown parameter, or a value outside its range.
 bool take_params(law::Resident& place, const wire::StageRequest& request) {
   if (request.param_count > wire::kNparam) return false;
-  for (std::uint32_t i = 0; i < request.param_count; ++i) {
+  for (std::uint32_t i = 0; i < request.param_count; ++i)
     if (!place.set_param(request.param_index[i], request.param_value[i])) return false;
-  }
   place.remember_params();
   return true;
 }
@@ -64,9 +63,8 @@ Loader::Loader(law::Slot& slot, LawStore& store, ipc::SpineMemory& spine, const 
 
 void Loader::run(const std::atomic<bool>& stop) {
   const timespec pause{0, 1'000'000};
-  while (!stop.load(std::memory_order_relaxed)) {  // relaxed: only the stop flag is passed
+  while (!stop.load(std::memory_order_relaxed))  // relaxed: only the stop flag is passed
     if (!poll(monotonic_ns())) nanosleep(&pause, nullptr);
-  }
 }
 
 bool Loader::poll(std::int64_t now_ns) {
@@ -137,9 +135,8 @@ wire::StageResult Loader::stage(const wire::StageRequest& request, std::int64_t 
 }
 
 law::Resident* Loader::free_place() {
-  for (std::uint32_t i = 0; i < residents_.size(); ++i) {
+  for (std::uint32_t i = 0; i < residents_.size(); ++i)
     if (!used_[i]) return &residents_[i];
-  }
   return nullptr;
 }
 
@@ -181,9 +178,8 @@ wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest
 
 // Plans the migration from every law in memory: after a rollback any of them may be active at the commit.
 void Loader::build_bridges(law::Resident& candidate) {
-  for (const law::Resident& peer : residents_) {
+  for (const law::Resident& peer : residents_)
     if (used_[peer.index] && &peer != &candidate) law::build_bridge(candidate, peer);
-  }
 }
 
 void Loader::unload(const law::Resident& place) { (place.slot != 0 ? *arena_ : store_).unload(place.index); }
@@ -215,9 +211,7 @@ void Loader::publish_info(const law::Resident& place) {
       info_.param_min[i] = law.params[i].min;
       info_.param_max[i] = law.params[i].max;
     }
-    for (std::uint32_t i = 0; i < law.probe_count; ++i) {
-      copy_text(info_.probe_name.data() + 32 * i, law.probes[i]);
-    }
+    for (std::uint32_t i = 0; i < law.probe_count; ++i) copy_text(info_.probe_name.data() + 32 * i, law.probes[i]);
     info_.state_field_count = law.state_count;
     for (std::uint32_t i = 0; i < law.state_count; ++i) {
       copy_text(info_.state_name.data() + 32 * i, law.state[i].name);

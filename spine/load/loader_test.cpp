@@ -183,9 +183,8 @@ TEST_F(LoaderTest, RetiredLawIsToldAndItsInfoCleared) {
   }
   std::vector<std::uint32_t> retired;
   wire::Event e;
-  while (events_.next(e)) {
+  while (events_.next(e))
     if (e.kind == static_cast<std::uint32_t>(EventKind::law_retired)) retired.push_back(e.code);
-  }
   EXPECT_EQ(retired, std::vector<std::uint32_t>{1});
   std::uint32_t resident = 0;
   for (std::uint32_t i = 0; i < law::kResidents; ++i) resident += info(i).law_id != 0;
@@ -256,9 +255,8 @@ TEST_F(LoaderTest, ObjectCutShortAnywhereIsRefusedAndNothingElseHappens) {
   const auto* segments = reinterpret_cast<const Elf64_Phdr*>(whole.data() + head->e_phoff);
   std::size_t loaded = 0;  // what the linker maps; section headers and debug information lie behind
   for (int i = 0; i < head->e_phnum; ++i) loaded = std::max(loaded, segments[i].p_offset + segments[i].p_filesz);
-  for (std::size_t size = 0; size < loaded; size += 1 + loaded / 64) {
+  for (std::size_t size = 0; size < loaded; size += 1 + loaded / 64)
     EXPECT_NE(check_object(file("short.so", whole.substr(0, size)).c_str()), nullptr) << size;
-  }
   EXPECT_EQ(stage(file("short.so", whole.substr(0, loaded / 2))), StageResult::load_failed);
 }
 

@@ -19,19 +19,16 @@ void mark(hal::ActuatorCommand& command, std::uint64_t number) {
 }
 
 bool whole(const hal::ActuatorCommand& command) {
-  for (const double value : command.torque_nm) {
+  for (const double value : command.torque_nm)
     if (value != static_cast<double>(command.tick)) return false;
-  }
-  for (const double value : command.max_torque_nm) {
+  for (const double value : command.max_torque_nm)
     if (value != static_cast<double>(command.tick)) return false;
-  }
   return true;
 }
 
 bool whole(const hal::ActuatorState& state) {
-  for (const double value : state.position_rad) {
+  for (const double value : state.position_rad)
     if (value != static_cast<double>(state.tick)) return false;
-  }
   return true;
 }
 
@@ -118,9 +115,8 @@ TEST(Handover, ALateTransportCostsADispatchAndNeverABuffer) {
 TEST(Handover, ATickThatDoesNotAskIsCaught) {
   // The twin is a data race by design, so it does not run under ThreadSanitizer, which would rightly stop it.
   Outcome worst;
-  for (int round = 0; round < 50 && worst.torn_commands + worst.wrong_samples == 0; ++round) {
+  for (int round = 0; round < 50 && worst.torn_commands + worst.wrong_samples == 0; ++round)
     worst = exchange(200'000, false);
-  }
   EXPECT_GT(worst.torn_commands + worst.wrong_samples + worst.torn_samples, 0u);
 }
 #endif

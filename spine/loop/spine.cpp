@@ -31,10 +31,9 @@ Spine::Spine(const Wiring& wiring)
   first.joints = static_cast<std::uint32_t>(robot_.joints.size());
   first.act(hal::DriveAction::off);
   if (wiring.barrier == nullptr) return;
-  for (const std::span<std::byte> block : step_.guarded()) {
+  for (const std::span<std::byte> block : step_.guarded())
     if (const Result<> guarded = wiring.barrier->guard(block.data(), block.size()); !guarded)
       std::fprintf(stderr, "lithe-spine: a law can reach the guard's limits: %s\n", guarded.message().c_str());
-  }
 }
 
 bool Spine::run(const std::atomic<bool>& stop) noexcept {

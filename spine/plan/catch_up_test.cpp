@@ -53,9 +53,8 @@ class Follower {
 
   void run(const Motion& motion, double for_ms, double plan_every_ms, double starts_ms, double gap_ms) {
     for (const double until_ms = t_ms_ + for_ms; t_ms_ < until_ms; ++t_ms_) {
-      if (plan_every_ms > 0 && std::fmod(t_ms_, plan_every_ms) < 1) {
+      if (plan_every_ms > 0 && std::fmod(t_ms_, plan_every_ms) < 1)
         EXPECT_EQ(bench_.accept(motion.plan(t_ms_ + starts_ms, gap_ms, 12), t_ms_), PlanReject::none) << t_ms_;
-      }
       look(std::abs(motion.at(t_ms_) - last_rad_) > 0.9);
     }
   }
@@ -120,9 +119,8 @@ TEST(CatchUp, WhateverTheStreamDidTheSetpointStaysWithinItsLimitsAndComesBackToT
 TEST(CatchUp, ABlendOfHalfASecondAloneWouldBreakTheseLimits) {
   const Decay decay = Decay::over(4.0, 5.0, 0.5);
   double hardest = 0;
-  for (double t_s = 0; t_s < 0.5; t_s += 0.001) {
+  for (double t_s = 0; t_s < 0.5; t_s += 0.001)
     hardest = std::max(hardest, std::abs(decay.acceleration(decay.left(t_s))));
-  }
   EXPECT_GT(hardest, 1.5 * (2 * kLimitRadS2 + 15)) << hardest;
 }
 

@@ -12,9 +12,8 @@ constexpr double kRounding = 1.0e-9;
 
 PlanReject check_times(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT {
   const std::size_t last = plan.waypoint_count - 1;
-  for (std::size_t w = 0; w < last; ++w) {
+  for (std::size_t w = 0; w < last; ++w)
     if (plan.t_ns[w + 1] <= plan.t_ns[w]) return PlanReject::time_order;
-  }
   if (plan.t_ns[last] <= now_ns || plan.t_ns[0] < now_ns - kHorizonNs) return PlanReject::too_old;
   return plan.t_ns[last] > now_ns + kHorizonNs ? PlanReject::too_far : PlanReject::none;
 }

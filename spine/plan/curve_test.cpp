@@ -97,9 +97,8 @@ TEST(Curve, TheInterpolatorFollowsAJitteredSineAsWellAsTheRuleAllows) {
   std::vector<Waypoint> waypoints;
   for (std::size_t i = 10; i < 26; ++i) waypoints.push_back({knots[i].t_s * 1e3, knots[i].position_rad});
   ASSERT_EQ(bench.accept(make_plan(waypoints, true), waypoints.front().t_ms - 100), wire::PlanReject::none);
-  for (double t = waypoints[2].t_ms; t < waypoints[13].t_ms; t += 0.5) {
+  for (double t = waypoints[2].t_ms; t < waypoints[13].t_ms; t += 0.5)
     EXPECT_NEAR(bench.at(t).position_rad[0], sine(t * 1e-3), 100e-6);
-  }
 }
 
 TEST(Curve, MonotoneNeverOvershootsAWaypointAndTheDefaultDoes) {
@@ -121,9 +120,7 @@ TEST(Curve, MonotoneNeverOvershootsAWaypointAndTheDefaultDoes) {
         for (double t = waypoints[w].t_ms; t < waypoints[w + 1].t_ms; t += 5) {
           const double position = bench.at(t).position_rad[0];
           const bool overshot = position < low - 1e-9 || position > high + 1e-9;
-          if (monotone) {
-            ASSERT_FALSE(overshot) << round << " " << t;
-          }
+          if (monotone) ASSERT_FALSE(overshot) << round << " " << t;
           default_overshot |= overshot;
         }
       }

@@ -39,9 +39,8 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
     advance(now_ns);
     evaluate(now_ns, from);
   }
-  for (std::size_t j = 0; j < limits_.joints; ++j) {
+  for (std::size_t j = 0; j < limits_.joints; ++j)
     most_rad_s[j] = std::max(limits_.joint[j].velocity_max_rad_s * (1 + kRounding), std::abs(from.velocity_rad_s[j]));
-  }
   bool leads = moving_on && plan.t_ns[0] - now_ns > kBlendNs;
   lay_knots(plan, now_ns, leads ? &from : nullptr);
   if (leads && plan.streaming != 0 && plan.waypoint_count > 2 && lead_is_harsh(most_rad_s)) {
@@ -51,9 +50,8 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
   const Knots& next = knots_[1 - used_];
   JointArray bound_rad_s{};
   next.bound_speed(now_ns, limits_.joints, bound_rad_s);
-  for (std::size_t j = 0; j < limits_.joints; ++j) {
+  for (std::size_t j = 0; j < limits_.joints; ++j)
     if (bound_rad_s[j] > most_rad_s[j] && next.fastest(now_ns, j) > most_rad_s[j]) return PlanReject::velocity_limit;
-  }
 
   if (moving_on && !leads) {
     join(next, now_ns, from, bound_rad_s, most_rad_s);

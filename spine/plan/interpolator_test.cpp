@@ -43,9 +43,8 @@ TEST(Interpolator, GivenVelocitiesAreUsedExactly) {
   Bench bench;
   const std::vector<Waypoint> waypoints{{100, 0.3, 1.5}, {150, 0.5, -2.0}, {200, 0.4, 0.25}, {260, 0.5}};
   ASSERT_EQ(bench.accept(make_plan(waypoints), 0), PlanReject::none);
-  for (std::size_t i = 0; i < 3; ++i) {
+  for (std::size_t i = 0; i < 3; ++i)
     EXPECT_NEAR(bench.at(waypoints[i].t_ms).velocity_rad_s[0], waypoints[i].velocity_rad_s, 1e-9);
-  }
 }
 
 TEST(Interpolator, AGoToIsOneSmoothMoveThatArrivesOnTime) {
@@ -67,9 +66,7 @@ TEST(Interpolator, APlanAheadStartsFromThePresentMotionWithoutABump) {
   Trace trace{0.1, {}, {}, {}};
   ASSERT_EQ(bench.accept(make_plan({{100, 0.5}, {200, 0.6}, {300, 0.0}}), 0), PlanReject::none);
   for (double t = 0; t < 600; t += trace.step_ms) {
-    if (std::abs(t - 150.0) < 0.01) {
-      ASSERT_EQ(bench.accept(make_plan({{250, -0.2}, {400, 0.1}}), t), PlanReject::none);
-    }
+    if (std::abs(t - 150.0) < 0.01) ASSERT_EQ(bench.accept(make_plan({{250, -0.2}, {400, 0.1}}), t), PlanReject::none);
     trace.add(bench.at(t));
   }
   EXPECT_LT(Trace::largest_step(trace.position), 0.002);
@@ -95,9 +92,7 @@ TEST(Interpolator, ACurveThatOvershootsIsClampedToTheLimits) {
   for (double t = 0; t < 500; ++t) {
     const Setpoint s = bench.at(t);
     highest = std::max(highest, s.position_rad[0]);
-    if (s.position_rad[0] == 3.0) {
-      EXPECT_LE(s.velocity_rad_s[0], 0.0);
-    }
+    if (s.position_rad[0] == 3.0) EXPECT_LE(s.velocity_rad_s[0], 0.0);
   }
   EXPECT_EQ(highest, 3.0);
 }
@@ -163,9 +158,8 @@ TEST(Interpolator, JointsAreIndependent) {
   plan.position_rad[wire::kNj + 2] = -1.0;
   ASSERT_EQ(bench.accept(plan, 0), PlanReject::none);
   double highest[2] = {0, 0};
-  for (double t = 0; t < 300; ++t) {
+  for (double t = 0; t < 300; ++t)
     for (std::size_t j = 0; j < 2; ++j) highest[j] = std::max(highest[j], bench.at(t).position_rad[j]);
-  }
   EXPECT_GT(highest[0], 1.01);
   EXPECT_LE(highest[1], 1.0);
   EXPECT_NEAR(bench.at(400).position_rad[2], 1.0, 1e-12);

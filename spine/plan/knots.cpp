@@ -87,9 +87,8 @@ void Knots::bound_speed(std::int64_t now_ns, std::size_t joints, JointArray& bou
 
 double Knots::fastest(std::int64_t now_ns, std::size_t j) const LITHE_RT {
   double fastest = 0;
-  for (std::size_t knot = segment_at(now_ns); knot + 1 < count; ++knot) {
+  for (std::size_t knot = segment_at(now_ns); knot + 1 < count; ++knot)
     fastest = std::max(fastest, fastest_on(knot, std::max(0.0, static_cast<double>(now_ns - t_ns[knot]) * 1e-9), j));
-  }
   return fastest;
 }
 

@@ -162,9 +162,8 @@ constexpr const DeviceFacts& facts(DeviceKind kind) { return kDeviceFacts[static
 
 template <class Rows>
 constexpr bool in_order(const Rows& rows) {
-  for (std::size_t i = 0; i < rows.size(); ++i) {
+  for (std::size_t i = 0; i < rows.size(); ++i)
     if (static_cast<std::size_t>(rows[i].kind) != i) return false;
-  }
   return true;
 }
 static_assert(in_order(kBusFacts) && in_order(kDeviceFacts));

@@ -75,9 +75,8 @@ class File {
     if (device_defaults_ != nullptr) {
       Reader in(*device_defaults_, "[defaults.device]", report_);
       read_device(in, prototype, buses, Need::optional);
-      for (const DeviceFacts& kind : kDeviceFacts) {
+      for (const DeviceFacts& kind : kDeviceFacts)
         read_table(in, kind.table, fmt::format("[defaults.device.{}]", kind.table.key), prototype);
-      }
       in.finish();
     }
     for (const toml::table* table : top_.tables("device")) {
@@ -89,11 +88,10 @@ class File {
         if (kind.table.read != nullptr && kind.kind != device.kind) in.refuse(kind.table.key, kind.table.refusal);
         read_table(in, kind.table, fmt::format("{}.{}", where("device", *table), kind.table.key), device);
       }
-      if (facts(device.kind).on_bus) {
+      if (facts(device.kind).on_bus)
         in.integer("id", device.id, {1, 126}, Need::required);
-      } else {
+      else
         device.id = 0;
-      }
       in.finish();
       refuse_twin(in, "device", robot_.devices);
       check_neighbours(in, robot_, table->get("id") != nullptr);
@@ -119,9 +117,8 @@ class File {
       refuse_twin(in, "sensor", robot_.sensors);
       check_sensor(in, robot_);
     }
-    if (robot_.sensors.size() > kMaxSensors) {
+    if (robot_.sensors.size() > kMaxSensors)
       report_.add({}, fmt::format("{} sensors, LITHE carries {}; remove some", robot_.sensors.size(), kMaxSensors));
-    }
   }
 
   void read_joints() {
@@ -155,11 +152,9 @@ class File {
       robot_.notes.emplace_back(
           "[guard] other_groups = \"continue\" changes nothing: all joints are one group; give each [[joint]] a group");
     }
-    for (std::size_t i = 0; i < owners.size(); ++i) {
-      if (owners[i] == nullptr && report_.empty() && is_drive(robot_.devices[i].kind)) {
+    for (std::size_t i = 0; i < owners.size(); ++i)
+      if (owners[i] == nullptr && report_.empty() && is_drive(robot_.devices[i].kind))
         robot_.notes.push_back(fmt::format("device \"{}\" moves no joint; it is left alone", robot_.devices[i].name));
-      }
-    }
   }
 
   void read_one_joint(const toml::table& table, const JointConfig& prototype, std::vector<const toml::table*>& owners) {
@@ -277,9 +272,8 @@ Result<RobotConfig> parse_robot(std::string_view text, const std::string& path) 
   File(parsed.table(), robot, report).read();
   if (!report.empty()) return report.error();
   const std::filesystem::path base = std::filesystem::absolute(path).parent_path();
-  for (std::string* file : {&robot.law, &robot.plant.model}) {
+  for (std::string* file : {&robot.law, &robot.plant.model})
     if (!file->empty()) *file = (base / *file).lexically_normal().string();
-  }
   note_costs(robot);
   return robot;
 }

@@ -47,9 +47,8 @@ void expect_refused(const std::string& text, const std::string& place, const std
   ASSERT_FALSE(robot) << "accepted, but should say: " << phrases.front();
   EXPECT_NE(robot.message().find("r.toml:" + place + (place.ends_with(":") ? "" : ": ")), std::string::npos)
       << robot.message();
-  for (const std::string& phrase : phrases) {
+  for (const std::string& phrase : phrases)
     EXPECT_NE(robot.message().find(phrase), std::string::npos) << robot.message() << "\nlacks: " << phrase;
-  }
 }
 
 TEST(Robot, TheDeskArmLoadsAsItIsWritten) {
@@ -143,9 +142,8 @@ TEST(Robot, AWrongTypeSaysWhatToGive) {
 }
 
 TEST(Robot, AnImpossibleRateIsRefusedWithTheRange) {
-  for (const char* rate : {"0", "-1000", "99", "10001", "1e12", "nan", "inf"}) {
+  for (const char* rate : {"0", "-1000", "99", "10001", "1e12", "nan", "inf"})
     expect_refused("rate_hz = " + std::string(rate) + "\n" + kSmallest, "1:11", {"give a number from 100 to 10000"});
-  }
 }
 
 TEST(Robot, AValueThatIsNotANumberIsNeverTaken) {
@@ -194,9 +192,8 @@ TEST(Robot, AWatchdogShorterThanAFewTicksIsRefused) {
 }
 
 TEST(Robot, NamesThatCannotNameASocketAreRefused) {
-  for (const char* name : {"", "a/b", "..", "-x", "a b", "0123456789012345678901234567890123"}) {
+  for (const char* name : {"", "a/b", "..", "-x", "a b", "0123456789012345678901234567890123"})
     expect_refused(replaced("\"r\"", '"' + std::string(name) + '"'), "1:8", {"is no name"});
-  }
 }
 
 TEST(Robot, MoreJointsThanTheCapacityAreRefused) {
@@ -298,9 +295,8 @@ TEST(Robot, EveryStringIsPrintable) {
 
 // Each of these is undefined behaviour in plain toml++ 3.3 (spine/robot/read/toml.hpp).
 TEST(Robot, BrokenHeadersAndStrayLettersAreReportedLikeAnyOtherMistake) {
-  for (const char* text : {"[[)oint]]\n", "[)oint]\n", "[[{evice]]\n", "name = \"r\" \xC3\xA9\n", "\xC3\xA9 = 1\n"}) {
+  for (const char* text : {"[[)oint]]\n", "[)oint]\n", "[[{evice]]\n", "name = \"r\" \xC3\xA9\n", "\xC3\xA9 = 1\n"})
     expect_refused(text, "1:", {"not TOML"});
-  }
 }
 
 TEST(Robot, RandomDamageNeverCrashesAndIsReportedOrHarmless) {
@@ -309,14 +305,11 @@ TEST(Robot, RandomDamageNeverCrashesAndIsReportedOrHarmless) {
   std::mt19937 random(1);
   for (int round = 0; round < 2000; ++round) {
     std::string text = whole;
-    for (int hits = static_cast<int>(random() % 6); hits >= 0; --hits) {
+    for (int hits = static_cast<int>(random() % 6); hits >= 0; --hits)
       text[random() % text.size()] = static_cast<char>(round % 2 == 0 ? random() % 256 : 32 + random() % 95);
-    }
     if (round % 4 == 0) text.resize(random() % text.size());
     const Result<RobotConfig> robot = parse_robot(text, "r.toml");
-    if (!robot) {
-      EXPECT_EQ(robot.message().rfind("r.toml:", 0), 0U) << robot.message();
-    }
+    if (!robot) EXPECT_EQ(robot.message().rfind("r.toml:", 0), 0U) << robot.message();
   }
 }
 

@@ -94,12 +94,10 @@ void Laws::start_shadow(law::Resident& candidate) LITHE_RT {
 
 // Runs the shadow candidate, after the active law's output has been handed over.
 void Laws::step_shadow(Host& host) LITHE_RT {
-  if (!mode_.law_runs() || (report_.flags & (flag::kRolledBack | flag::kLawFaulted)) != 0) {
+  if (!mode_.law_runs() || (report_.flags & (flag::kRolledBack | flag::kLawFaulted)) != 0)
     return end_shadow(Shadow::Opinion::refuse, "the active law was replaced");
-  }
-  if (guard_.any_stopped()) {
+  if (guard_.any_stopped())
     return end_shadow(Shadow::Opinion::refuse, "a part of the robot is stopped: nothing can be compared there");
-  }
   report_.flags |= flag::kShadowing;
   const std::int64_t from_ns = host.now_ns();
   const Run ran = run(*shadow_.law(), shadow_.effort, host);

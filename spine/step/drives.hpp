@@ -49,9 +49,8 @@ class Drives {
     command.reset_simulation = reset_simulation_;
     reset_simulation_ = false;
     all_off_ = !mode.energised() && !mode.damps();
-    for (std::uint32_t j = 0; j < in.joints; ++j) {
+    for (std::uint32_t j = 0; j < in.joints; ++j)
       command.action[j] = all_off_ ? hal::DriveAction::off : action_of(guard.rung(j), mode);
-    }
   }
 
  private:

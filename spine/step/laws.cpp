@@ -37,8 +37,8 @@ bool is_runaway(wire::Fault fault) LITHE_RT {
 
 }  // namespace
 
-void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault, EventText& words)
-    LITHE_RT {
+void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault,
+                 EventText& words) LITHE_RT {
   const robot::JointConfig& config = robot.joints[joint];
   const double overrun_rad = robot.guard.position_overrun_rad;
   if (fault == wire::Fault::position_limit) {
@@ -179,19 +179,16 @@ void Laws::mend() LITHE_RT {
 
 void Laws::tell_back(Back back, std::string_view why) LITHE_RT {
   const law::Resident& law = *slot_.active();
-  if (back == Back::params) {
+  if (back == Back::params)
     report_.event(EventKind::params_reverted, law.law_id, probation_.params_request_id(), 0, why);
-  } else if (back == Back::law) {
+  else if (back == Back::law)
     report_.event(EventKind::law_rolled_back, law.law_id, law.request_id, 1, why);
-  }
 }
 
 void Laws::stop_for(LawFaultKind kind, std::string_view why) LITHE_RT {
   const wire::Fault fault = kind == LawFaultKind::not_finite ? wire::Fault::law_not_finite : wire::Fault::law_faulted;
   if (kind == LawFaultKind::not_finite) report_.flags |= flag::kNotFinite;
-  if (mode_.fail(fault)) {
-    report_.event(EventKind::safe_stop, static_cast<std::uint32_t>(fault), 0, 0, why);
-  }
+  if (mode_.fail(fault)) report_.event(EventKind::safe_stop, static_cast<std::uint32_t>(fault), 0, 0, why);
 }
 
 // Copied from the active law: the Loader may unload it as soon as another one is active.
@@ -225,9 +222,8 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
   const auto ran_away = [](const guard::Group& group) { return group.news && is_runaway(group.fault); };
   const auto groups = guard_.groups();
   const auto stopped = std::ranges::find_if(groups, ran_away);
-  if (probation_.on() && !verdict.recovering && stopped != groups.end()) {
+  if (probation_.on() && !verdict.recovering && stopped != groups.end())
     return replace({.kind = LawFaultKind::guard_stopped, .evidence = {.joint = stopped->joint}});
-  }
   if (!mode_.law_runs()) return;
   if (probation_.on()) report_.flags |= flag::kOnProbation;
   if (probation_.of_params()) report_.flags |= flag::kParamsOnProbation;
@@ -249,9 +245,8 @@ void Laws::tell_probation(const Probation::News& news) LITHE_RT {
   if (news.law_unproven) report_.event(EventKind::law_unproven, law.law_id, law.request_id, 0, kAtRest);
   const std::uint64_t params_id = probation_.params_request_id();
   if (news.params_unproven) report_.event(EventKind::law_unproven, law.law_id, params_id, 1, kAtRest);
-  if (news.params_confirmed) {
+  if (news.params_confirmed)
     report_.event(EventKind::params_confirmed, law.law_id, params_id, 0, "their probation is over");
-  }
   if (!news.law_confirmed) return;
   report_.event(
       EventKind::law_confirmed, law.law_id, law.request_id, 0,

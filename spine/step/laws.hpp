@@ -25,8 +25,8 @@
 namespace lithe::step {
 
 // Where the joint is and what is allowed: ": 1.234 rad, allowed -1.200 to 1.200". Nothing for a fault without a number.
-void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault, EventText& words)
-    LITHE_RT;
+void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault,
+                 EventText& words) LITHE_RT;
 
 // Contract: RT · owned by the tick thread
 class Laws {

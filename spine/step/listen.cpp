@@ -41,11 +41,10 @@ void ControlStep::listen(const Input& in) LITHE_RT {
   if (in.estop_pressed && mode_.press_estop()) report_.event(EventKind::estop, 0, 0, 0, "the e-stop was pressed");
   if (in.command != nullptr) obey(in);
   watch_brain(in);
-  if (in.plan != nullptr) {
+  if (in.plan != nullptr)
     take_plan(*in.plan);
-  } else if (in.plan_torn) {
+  else if (in.plan_torn)
     miss_plan();
-  }
 }
 
 // The housekeeping core found damaged memory: the process cannot be trusted any more, so the robot stops.
@@ -151,9 +150,8 @@ void ControlStep::take_plan(const wire::Plan& plan) LITHE_RT {
   const wire::Plan* taken = &plan;
   if (guard_.any_stopped()) {
     resting_plan_ = plan;
-    for (std::uint32_t j = 0; j < in_.joints; ++j) {
+    for (std::uint32_t j = 0; j < in_.joints; ++j)
       if (guard_.stopped(j)) plan::rest_joint(resting_plan_, j, plan_.setpoint().position_rad[j]);
-    }
     taken = &resting_plan_;
   }
   const wire::PlanReject reject = plan_.accept(*taken, report_.now_ns());

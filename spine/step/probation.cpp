@@ -35,9 +35,8 @@ void Probation::configure(const robot::RobotConfig& robot) {
   pause_ns_ = std::llround(1e9 * std::max(kPauseS, 3.5 / robot.rate_hz));
   params_ticks_ = static_cast<std::uint32_t>(std::lround(robot.swap.probation_s * robot.rate_hz));
   params_error_ratio_ = robot.swap.probation_error_ratio;
-  for (std::uint32_t j = 0; j < robot.joints.size(); ++j) {
+  for (std::uint32_t j = 0; j < robot.joints.size(); ++j)
     tremor_.configure(robot.rate_hz, j, {robot.joints[j].torque_max_nm, robot.joints[j].velocity_max_rad_s});
-  }
 }
 
 void Probation::start(const law::Terms& terms) LITHE_RT {

@@ -37,13 +37,11 @@ inline Json printable_json(const Json& json) {
   if (json.is_string()) return printable(json.get_ref<const std::string&>(), true);
   if (!json.is_structured()) return json;
   Json out = json.is_array() ? Json::array() : Json::object();
-  for (const auto& [key, value] : json.items()) {
-    if (json.is_array()) {
+  for (const auto& [key, value] : json.items())
+    if (json.is_array())
       out.push_back(printable_json(value));
-    } else {
+    else
       out[printable(key)] = printable_json(value);
-    }
-  }
   return out;
 }
 

@@ -40,9 +40,8 @@ std::string stat_of(const std::string& pid) {
 cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
   cpu_set_t set;
   CPU_ZERO(&set);
-  for (const int cpu : cpus) {
+  for (const int cpu : cpus)
     if (cpu >= 0 && cpu < CPU_SETSIZE) CPU_SET(static_cast<unsigned>(cpu), &set);
-  }
   return set;
 }
 
@@ -73,11 +72,10 @@ cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
   if (launch.extra_fd >= 0) {
     // The pipe that reports a failed start may itself have this number.
     failure_fd = ::fcntl(failure_fd, F_DUPFD_CLOEXEC, kExtraFd + 1);
-    if (launch.extra_fd != kExtraFd) {
+    if (launch.extra_fd != kExtraFd)
       ::dup2(launch.extra_fd, kExtraFd);
-    } else {
+    else
       ::fcntl(kExtraFd, F_SETFD, 0);
-    }
   }
   ::execv(argv[0], argv);
   const int reason = errno;
@@ -92,9 +90,8 @@ Result<Process> Process::start(const Launch& launch) {
   for (const std::string& word : launch.argv) argv.push_back(const_cast<char*>(word.c_str()));
   argv.push_back(nullptr);
   int pipe_fds[2];
-  if (::pipe2(pipe_fds, O_CLOEXEC) != 0) {
+  if (::pipe2(pipe_fds, O_CLOEXEC) != 0)
     return Error{fmt::format("cannot start {}: {}", launch.argv[0], std::strerror(errno))};
-  }
   Fd read_end(pipe_fds[0]);
   Fd write_end(pipe_fds[1]);
   const pid_t parent = ::getpid();
@@ -190,9 +187,8 @@ std::string program_dir() {
 Result<> set_affinity(pid_t pid, const std::vector<int>& cpus) {
   if (cpus.empty()) return done();
   const cpu_set_t set = cpu_set_of(cpus);
-  if (::sched_setaffinity(pid, sizeof(set), &set) != 0) {
+  if (::sched_setaffinity(pid, sizeof(set), &set) != 0)
     return Error{fmt::format("cannot pin process {}: {}", pid, std::strerror(errno))};
-  }
   return done();
 }
 

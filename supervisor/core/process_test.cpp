@@ -63,16 +63,12 @@ bool hands_over(bool has_the_number_already) {
   const pid_t pid = ::fork();
   if (pid == 0) {
     int pair[2];
-    if (::pipe2(pair, O_CLOEXEC) != 0) {
-      ::_exit(1);
-    }
+    if (::pipe2(pair, O_CLOEXEC) != 0) ::_exit(1);
     const int from = ::fcntl(pair[0], F_DUPFD_CLOEXEC, 20);
     const int to = ::fcntl(pair[1], F_DUPFD_CLOEXEC, 20);
     Launch launch = shell("echo handed >&3");
     launch.extra_fd = has_the_number_already ? ::dup3(to, 3, O_CLOEXEC) : to;
-    if (!has_the_number_already) {
-      ::close(3);  // the next descriptor that Process opens for itself gets the number
-    }
+    if (!has_the_number_already) ::close(3);  // the next descriptor that Process opens for itself gets the number
     auto child = Process::start(launch);
     char text[8] = "";
     const bool handed = child && child->wait(kLongMs) && ::read(from, text, 7) == 7;

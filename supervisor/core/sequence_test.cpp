@@ -98,9 +98,7 @@ TEST_F(SequenceTest, AServeFromInsideDoesNothing) {
 
 TEST_F(SequenceTest, WhatItThrowsComesOutOfServeAndEndsIt) {
   const auto body = [](bool wait) -> Sequence {
-    if (wait) {
-      (void)co_await Sequence::Until([](std::int64_t now_ns) { return now_ns > 5; }, 100, kLate);
-    }
+    if (wait) (void)co_await Sequence::Until([](std::int64_t now_ns) { return now_ns > 5; }, 100, kLate);
     throw std::string("wrong");
   };
   Sequence sequence = body(true);

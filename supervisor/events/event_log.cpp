@@ -113,14 +113,11 @@ Json event_json(const wire::Event& event, const SpineLink& spine) {
 
 std::string event_line(const Json& event) {
   std::string line = event.value("kind", "?");
-  if (event.contains("reason")) {
-    line += fmt::format(" ({})", event["reason"].get<std::string>());
-  }
+  if (event.contains("reason")) line += fmt::format(" ({})", event["reason"].get<std::string>());
   if (const std::string text = event.value("text", ""); !text.empty()) line += ": " + text;
   if (const std::string next = event.value("next", ""); !next.empty()) line += "; next: " + next;
-  if (const std::uint64_t tick = event.value("tick", std::uint64_t{0}); tick != 0) {
+  if (const std::uint64_t tick = event.value("tick", std::uint64_t{0}); tick != 0)
     line += fmt::format(" [tick {}]", tick);
-  }
   return line;
 }
 

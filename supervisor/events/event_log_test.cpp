@@ -76,9 +76,8 @@ TEST_F(EventJsonTest, AStopAndALawsFaultAreToldWithWhatToDo) {
     if (fault == wire::Fault::law_faulted || fault == wire::Fault::estop_pressed || fault == wire::Fault::law_missing)
       continue;
     const std::string why = std::string(wire::to_string(fault)) + " at joint hip, group leg: 9.0 rad/s, allowed 2.0";
-    for (const auto kind : {wire::EventKind::safe_stop, wire::EventKind::group_stopped}) {
+    for (const auto kind : {wire::EventKind::safe_stop, wire::EventKind::group_stopped})
       EXPECT_NE(next_of(kind, why), "") << why;
-    }
   }
   for (std::uint32_t code = 1; wire::to_string(static_cast<wire::LawFaultKind>(code)) != "?"; ++code) {
     const std::string_view kind = wire::to_string(static_cast<wire::LawFaultKind>(code));
@@ -107,9 +106,7 @@ TEST_F(EventJsonTest, ARefusedPlanNamesItsJointUntilANewerOneIsThere) {
 
 TEST(EventLog, HandsOutEachEventOnceByCursor) {
   EventLog log;
-  for (int i = 0; i < 3; ++i) {
-    log.add({{"kind", "armed"}});
-  }
+  for (int i = 0; i < 3; ++i) log.add({{"kind", "armed"}});
   const Json first = log.since(0, 2);
   EXPECT_EQ(first["events"].size(), 2U);
   EXPECT_EQ(first["cursor"], 2);
@@ -128,9 +125,7 @@ TEST(EventLog, ACursorFromAnotherLifeIsNoReasonToFail) {
 
 TEST(EventLog, SaysHowManyAnOldCursorHasLost) {
   EventLog log;
-  for (std::size_t i = 0; i < EventLog::kDepth + 10; ++i) {
-    log.add({{"kind", "armed"}});
-  }
+  for (std::size_t i = 0; i < EventLog::kDepth + 10; ++i) log.add({{"kind", "armed"}});
   const Json all = log.since(0, EventLog::kDepth);
   EXPECT_EQ(all["lost"], 10);
   EXPECT_EQ(all["events"][0]["cursor"], 11);

@@ -42,9 +42,7 @@ class NoiseFilter {
     for (auto& [kind, window] : windows_) {
       if (window.open && now_ns - window.since_ns >= kWindowNs) {
         window.open = false;
-        if (window.held_back > 0) {
-          out.push_back({kind, window.held_back, window.last});
-        }
+        if (window.held_back > 0) out.push_back({kind, window.held_back, window.last});
       }
     }
     return out;

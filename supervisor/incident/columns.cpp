@@ -25,11 +25,10 @@ template <class Visit>
 void for_each_kept(wire::Telemetry& record, std::size_t joints, Visit&& visit) {
   wire::for_each_field(record, [&](std::string_view name, auto& field) {
     using Field = std::remove_reference_t<decltype(field)>;
-    if constexpr (std::is_arithmetic_v<Field>) {
+    if constexpr (std::is_arithmetic_v<Field>)
       visit(name, &field, std::size_t{0});
-    } else {
+    else
       visit(name, field.data(), field.size() == wire::kNj ? joints : field.size());
-    }
   });
 }
 

@@ -89,9 +89,8 @@ std::uint64_t id_of(const fs::path& path) {
 std::vector<std::uint64_t> ids_in(const fs::path& folder) {
   std::vector<std::uint64_t> ids;
   std::error_code failure;
-  for (fs::directory_iterator at(folder, failure), end; !failure && at != end; at.increment(failure)) {
+  for (fs::directory_iterator at(folder, failure), end; !failure && at != end; at.increment(failure))
     if (const std::uint64_t id = id_of(at->path()); id != 0) ids.push_back(id);
-  }
   std::ranges::sort(ids);
   return ids;
 }
@@ -125,9 +124,8 @@ fs::path incidents_of(const std::string& robot) { return fs::absolute(out_dir())
 
 std::vector<Json> read_incidents(const fs::path& folder) {
   std::vector<Json> found;
-  for (const std::uint64_t id : ids_in(folder)) {
+  for (const std::uint64_t id : ids_in(folder))
     if (Json summary = read_one(folder, id); !summary.is_null()) found.push_back(std::move(summary));
-  }
   return found;
 }
 
@@ -189,9 +187,8 @@ void Incidents::write(const SpineLink& spine) {
   told["id"] = id;
   told["data"] = name_of(id) + ".npy";
   trouble_ = put(folder_ / (name_of(id) + ".npy"), columns.npy());
-  if (trouble_.empty()) {
+  if (trouble_.empty())
     trouble_ = put(folder_ / (name_of(id) + ".json"), told.dump(2, ' ', false, Json::error_handler_t::replace) + '\n');
-  }
   if (!trouble_.empty()) fs::remove(folder_ / (name_of(id) + ".npy"), failure);
   if (trouble_.empty()) last_id_ = id;
 }
@@ -252,9 +249,8 @@ Json Incidents::summary(const SpineLink& spine, const std::vector<wire::Telemetr
       return span((least.*field)[j], (most.*field)[j]);
     };
     double error_rad = 0;
-    for (const wire::Telemetry& each : records) {
+    for (const wire::Telemetry& each : records)
       error_rad = std::max(error_rad, std::abs(each.setpoint_position_rad[j] - each.position_rad[j]));
-    }
     out["joints"].push_back({{"name", joint_name(info, j)},
                              {"position_rad", extremes(&wire::Telemetry::position_rad)},
                              {"velocity_rad_s", extremes(&wire::Telemetry::velocity_rad_s)},
@@ -263,17 +259,15 @@ Json Incidents::summary(const SpineLink& spine, const std::vector<wire::Telemetr
   }
   out["events"] = Json::array();
   const Json newest = log_.since(log_.last() > kMostEvents ? log_.last() - kMostEvents : 0, kMostEvents);
-  for (const Json& each : newest["events"]) {
+  for (const Json& each : newest["events"])
     if (std::abs(each.value("t_ns", std::int64_t{0}) - event.t_ns) <= open_->half_ns) out["events"].push_back(each);
-  }
   return out;
 }
 
 // null: none, or nothing is known of it any more.
 Json Incidents::law(const SpineLink& spine, std::uint32_t law_id) const {
-  if (const auto info = spine.law(law_id)) {
+  if (const auto info = spine.law(law_id))
     return {{"name", text_of(info->name)}, {"law_id", law_id}, {"request_id", info->request_id}};
-  }
   const auto found = laws_.find(law_id);
   return found != laws_.end() ? found->second : Json();
 }

@@ -73,14 +73,11 @@ int run_robot(const RunOptions& options) {
     if (left && !left->born.empty()) spdlog::warn("{}", host::born_words(*left));
   }
   const MachineCores cores = machine_cores();
-  if (const auto plan = robot::plan_cpus(*config, cores); plan) {
+  if (const auto plan = robot::plan_cpus(*config, cores); plan)
     for (std::string& cost : robot::costs_of(*plan, config->spine, cores)) config->notes.push_back(std::move(cost));
-  } else if (!live_spine(config->name)) {  // a Spine that ticks has its cores already
+  else if (!live_spine(config->name))  // a Spine that ticks has its cores already
     return refuse({"bad_config", plan.message(), "correct the file"}, 2, options.json);
-  }
-  for (const std::string& note : config->notes) {
-    spdlog::warn("{}", note);
-  }
+  for (const std::string& note : config->notes) spdlog::warn("{}", note);
   const bus::Verdict load = bus::judge_for_run(*config);
   if (load.refuse) return refuse({"bus_overload", load.text, load.next}, 1, options.json);
   if (!load.text.empty()) spdlog::warn("{}; {}", load.text, load.next);
@@ -103,9 +100,7 @@ void Supervisor::take_lease() {
     throw Halt{1, fmt::format("cannot write {}: {}; disk full, or over a limit (ulimit -f)?", pid_path(config_.name),
                               std::strerror(errno))};
   }
-  if (const auto pinned = set_affinity(0, our_cpus_); !pinned) {
-    spdlog::warn("{}", pinned.message());
-  }
+  if (const auto pinned = set_affinity(0, our_cpus_); !pinned) spdlog::warn("{}", pinned.message());
 }
 
 void Supervisor::catch_signals() {
@@ -177,9 +172,8 @@ void Supervisor::start_trial() {
 void Supervisor::start_spine() {
   int out[2];
   const Fd log(::open(log_path_.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_APPEND | O_CLOEXEC, 0640));
-  if (!log || ::pipe2(out, O_CLOEXEC) != 0) {
+  if (!log || ::pipe2(out, O_CLOEXEC) != 0)
     throw Halt{1, fmt::format("cannot prepare {}: {}", log_path_, std::strerror(errno))};
-  }
   spine_out_.reset(out[0]);
   ::fcntl(out[0], F_SETFL, O_NONBLOCK);
   const Fd theirs(out[1]);
@@ -196,9 +190,8 @@ void Supervisor::start_spine() {
   if (!process) throw Halt{1, process.message()};
   spine_.emplace(std::move(*process));
   const auto ready = [this] { return spine_said_.find("\"ready\"") != std::string::npos; };
-  if (!turn_until(ready, kReadyTimeoutNs)) {
+  if (!turn_until(ready, kReadyTimeoutNs))
     throw Halt{3, fmt::format("the Spine was not ready within 30 s; see {}", log_path_)};
-  }
   spine_out_.reset();
 }
 
@@ -238,11 +231,8 @@ void Supervisor::serve_spine(SpineLink link) {
   const wire::RobotInfo& info = link_->info();
   const int transport = info.transport_inline != 0 ? -1 : static_cast<int>(info.cpu_transport);
   const std::vector<int> ours = cores_beside(all_cpus_, static_cast<int>(info.cpu_spine), transport);
-  for (const pid_t pid : {::getpid(), lawd_.pid(), trial_.pid()}) {
-    if (const auto pinned = pid != 0 ? set_affinity(pid, ours) : done(); !pinned) {
-      spdlog::warn("{}", pinned.message());
-    }
-  }
+  for (const pid_t pid : {::getpid(), lawd_.pid(), trial_.pid()})
+    if (const auto pinned = pid != 0 ? set_affinity(pid, ours) : done(); !pinned) spdlog::warn("{}", pinned.message());
 }
 
 void Supervisor::open_socket() {

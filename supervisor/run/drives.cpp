@@ -35,9 +35,8 @@ Drives drives_of(const wire::Telemetry& now) {
 
 std::string joints_not_off(const robot::RobotConfig& robot, const wire::Telemetry& now) {
   std::string names;
-  for (std::size_t j = 0; j < std::min(joints_of(now), robot.joints.size()); ++j) {
+  for (std::size_t j = 0; j < std::min(joints_of(now), robot.joints.size()); ++j)
     if (drive_of(now, j) != Drives::off) names += (names.empty() ? "" : ", ") + robot.joints[j].name;
-  }
   return names;
 }
 

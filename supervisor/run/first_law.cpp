@@ -22,17 +22,15 @@ constexpr std::int64_t kArmTimeoutNs = 5 * kNsPerS;
 
 std::int64_t arm_timeout_ns(const robot::RobotConfig& robot) {
   std::int64_t longest_ns = kArmTimeoutNs;
-  for (const robot::DeviceConfig& device : robot.devices) {
+  for (const robot::DeviceConfig& device : robot.devices)
     longest_ns = std::max<std::int64_t>(longest_ns, std::llround(1e9 * robot::facts(device.kind).arm_timeout_s));
-  }
   return longest_ns;
 }
 
 std::string words_of(const Refusal& refusal) {
   std::string words = refusal.message;
-  if (refusal.detail.is_object() && !refusal.detail.value("text", "").empty()) {
+  if (refusal.detail.is_object() && !refusal.detail.value("text", "").empty())
     words += "\n" + refusal.detail["text"].get<std::string>();
-  }
   return words;
 }
 
@@ -41,9 +39,8 @@ std::string words_of(const Refusal& refusal) {
 // Refuses the start when the law was refused, or nothing was answered.
 void Supervisor::must_run(const std::optional<Answer>& answer, const char* silence) const {
   if (!answer) throw Halt{1, silence};
-  if (const auto* refusal = std::get_if<Refusal>(&*answer)) {
+  if (const auto* refusal = std::get_if<Refusal>(&*answer))
     throw Halt{1, fmt::format("the law {} cannot run: {}", first_law_, words_of(*refusal))};
-  }
 }
 
 void Supervisor::compile_first_law() {
@@ -72,9 +69,8 @@ void Supervisor::try_safe_law() {
     throw Halt{1, fmt::format("the trial could not run the safe law: {}",
                               answer ? std::get<Refusal>(*answer).message : "it does not answer")};
   }
-  if (const std::string wrong = told->value("safe_law_text", ""); !wrong.empty()) {
+  if (const std::string wrong = told->value("safe_law_text", ""); !wrong.empty())
     throw Halt{2, fmt::format("{}: {}", options_.config_path, wrong)};
-  }
 }
 
 void Supervisor::swap_first_law() {
@@ -114,9 +110,8 @@ void Supervisor::arm() {
       spdlog::warn("not armed: {}; {}", refusal->message, refusal->next);
       return;
     }
-    if (refusal != nullptr && refusal->code != "refused_not_ready") {
+    if (refusal != nullptr && refusal->code != "refused_not_ready")
       throw Halt{3, fmt::format("the robot cannot be armed: {}; {}", refusal->message, refusal->next)};
-    }
     turn(10);
   } while (monotonic_ns() < deadline_ns);
   throw Halt{3,

@@ -42,9 +42,7 @@ void Supervisor::stop() {
 
 bool Supervisor::stop_spine() {
   Drives drives = Drives::driven;
-  if (link_) {
-    (void)code_of([&] { drives = switch_off(); });
-  }
+  if (link_) (void)code_of([&] { drives = switch_off(); });
   spine_->signal(SIGTERM);
   const std::int64_t deadline_ns = monotonic_ns() + 5 * kNsPerS;
   while (!spine_->wait(20) && monotonic_ns() < deadline_ns) forward_spine_log();

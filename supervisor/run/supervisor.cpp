@@ -65,9 +65,7 @@ int Supervisor::code_of(const std::function<void()>& part) {
     part();
     return 0;
   } catch (const Halt& halt) {
-    if (!halt.message.empty()) {
-      spdlog::error("{}", halt.message);
-    }
+    if (!halt.message.empty()) spdlog::error("{}", halt.message);
     return halt.code;
   } catch (const std::exception& wrong) {
     spdlog::error("the supervisor itself went wrong: {}", wrong.what());
@@ -146,9 +144,7 @@ std::optional<Answer> Supervisor::answer_to(const std::function<void(const Take&
 void Supervisor::read_signals() {
   signalfd_siginfo info;
   while (::read(signals_.get(), &info, sizeof(info)) == sizeof(info)) {
-    if (!stop_asked_) {
-      spdlog::info("stopping: {}", ::strsignal(static_cast<int>(info.ssi_signo)));
-    }
+    if (!stop_asked_) spdlog::info("stopping: {}", ::strsignal(static_cast<int>(info.ssi_signo)));
     stop_asked_ = true;
   }
 }
@@ -158,11 +154,10 @@ void Supervisor::read_spine() {
   if (!spine_out_) return;
   char chunk[4096];
   const ssize_t got = ::read(spine_out_.get(), chunk, sizeof(chunk));
-  if (got > 0) {
+  if (got > 0)
     spine_said_.append(chunk, static_cast<std::size_t>(got));
-  } else if (got == 0) {
+  else if (got == 0)
     spine_out_.reset();
-  }
 }
 
 void Supervisor::forward_spine_log() {
@@ -186,17 +181,14 @@ void Supervisor::forward_spine_log() {
 void Supervisor::note(const Json& event) {
   events_.add(event);
   // Skip the events that an adopted Spine wrote before this supervisor started.
-  if (event["t_ns"].get<std::int64_t>() >= born_ns_) {
-    spdlog::info("{}", event_line(event));
-  }
+  if (event["t_ns"].get<std::int64_t>() >= born_ns_) spdlog::info("{}", event_line(event));
 }
 
 void Supervisor::read_events() {
   const std::int64_t now_ns = monotonic_ns();
   for (const wire::Event& event : link_->drain_events()) {
-    if (swaps_) {  // absent when start-up failed before they were made; the drives are switched off in any case
+    if (swaps_)  // absent when start-up failed before they were made; the drives are switched off in any case
       swaps_->on_event(event, now_ns);
-    }
     const Json told = event_json(event, *link_);
     if (noise_.passes(event, now_ns)) note(told);
     if (incidents_) incidents_->on_event(*link_, event, event_line(told));

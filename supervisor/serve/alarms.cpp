@@ -50,13 +50,12 @@ std::string what_stopped(const Json& status, const std::string& fault) {
 void see_mode(const Json& status, Alarms& out) {
   const std::string mode = word(status, "mode"), fault = word(status, "fault");
   const bool faulty = !fault.empty() && fault != "none";
-  if (mode == "estop") {
+  if (mode == "estop")
     out.stop("the e-stop is latched; find out why, then: lithe reset");
-  } else if (mode == "safe_stop") {
+  else if (mode == "safe_stop")
     out.stop("safe stop by " + what_stopped(status, fault));
-  } else if (faulty) {
+  else if (faulty)
     out.stop("latched fault: " + what_stopped(status, fault));
-  }
   if (has_number(status, "age_ms") && status["age_ms"].get<double>() > kFrozenAfterMs) {
     out.stop(
         fmt::format("THE SPINE DOES NOT TICK: its last tick is {:.1f} s old (pid {}: stopped, or without processor "
@@ -67,9 +66,8 @@ void see_mode(const Json& status, Alarms& out) {
 
 // Distance of the joint to its nearer limit [rad], and which limit that is.
 void see_limits(const Json& joint, Alarms& out) {
-  for (const char* key : {"position_rad", "position_min_rad", "position_max_rad"}) {
+  for (const char* key : {"position_rad", "position_min_rad", "position_max_rad"})
     if (!has_number(joint, key)) return;
-  }
   const double at = joint["position_rad"];
   const double up = joint["position_max_rad"].get<double>() - at, down = at - joint["position_min_rad"].get<double>();
   const bool upper = up < down;
@@ -89,13 +87,10 @@ void see_limits(const Json& joint, Alarms& out) {
 
 void see_joint(const Json& joint, Alarms& out) {
   const std::string name = word(joint, "name"), fault = word(joint, "fault");
-  if (!fault.empty() && fault != "none") {
-    out.stop(fmt::format("{}: fault {}", name, fault));
-  }
+  if (!fault.empty() && fault != "none") out.stop(fmt::format("{}: fault {}", name, fault));
   std::string problems;
-  for (const Json& each : joint.value("problems", Json::array())) {
+  for (const Json& each : joint.value("problems", Json::array()))
     problems += (problems.empty() ? "" : ", ") + each.get<std::string>();
-  }
   if (!problems.empty()) {
     const std::string drive = word(joint, "drive");
     out.stop(fmt::format("{}: {}{}", name, problems, drive.empty() ? "" : fmt::format(" (drive: {})", drive)));
@@ -110,11 +105,9 @@ void see_health(const Json& status, Alarms& out) {
                                                        {"control_violations", "broken commands of the supervisor"},
                                                        {"stage_violations", "broken requests to the Loader"}};
   std::string found;
-  for (const auto& [key, text] : words) {
-    if (const auto count = health.value(key, std::uint64_t{0}); count != 0) {
+  for (const auto& [key, text] : words)
+    if (const auto count = health.value(key, std::uint64_t{0}); count != 0)
       found += fmt::format("{}{}: {}", found.empty() ? "" : ", ", text, count);
-    }
-  }
   if (!found.empty()) out.warn("BROKEN MESSAGES since the start: " + found);
 }
 
@@ -125,12 +118,10 @@ Json alarms_of(const Json& status) {
   see_mode(status, out);
   for (const Json& joint : status.value("joints", Json::array())) see_joint(joint, out);
   if (word(status, "gates") == "open") out.warn("THE GATES ARE OPEN: laws are neither admitted nor tried");
-  if (const std::string trouble = word(status, "records_trouble"); !trouble.empty()) {
+  if (const std::string trouble = word(status, "records_trouble"); !trouble.empty())
     out.warn("CERTIFICATES: " + trouble);
-  }
-  if (const Json slow = status.value("throttled", Json::object()); slow.value("now", false)) {
+  if (const Json slow = status.value("throttled", Json::object()); slow.value("now", false))
     out.warn("THE PROCESSOR IS SLOWED DOWN (" + word(slow, "why") + "): ticks take longer; cool it, or lower rate_hz");
-  }
   see_health(status, out);
   return out.all();
 }

@@ -15,9 +15,8 @@ Json joint(double at_rad) {
 // "stop: text", one line each.
 std::string said(const Json& status) {
   std::string text;
-  for (const Json& each : alarms_of(status)) {
+  for (const Json& each : alarms_of(status))
     text += each["level"].get<std::string>() + ": " + each["text"].get<std::string>() + "\n";
-  }
   return text;
 }
 

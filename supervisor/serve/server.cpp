@@ -39,13 +39,11 @@ std::string answer_line(const Json& id, const Answer& answer) {
 std::optional<std::string> unprintable_in(const Json& value, std::string_view name = {}) {
   const auto shown = [](const std::string& text) { return printable(text.substr(0, kMaxShownBytes)); };
   if (!is_printable(name)) return shown(std::string(name));
-  if (value.is_string() && name != "source" && !is_printable(value.get_ref<const std::string&>())) {
+  if (value.is_string() && name != "source" && !is_printable(value.get_ref<const std::string&>()))
     return shown(value.get_ref<const std::string&>());
-  }
   if (value.is_structured()) {
-    for (const auto& [key, item] : value.items()) {
+    for (const auto& [key, item] : value.items())
       if (auto found = unprintable_in(item, key)) return found;
-    }
   }
   return std::nullopt;
 }

@@ -27,15 +27,14 @@ class ServerTest : public testing::Test {
       : path_("/tmp/lithe-server-" + std::to_string(::getpid()) + "-" +
               testing::UnitTest::GetInstance()->current_test_info()->name()) {
     auto server = Server::listen(path_, [this](const ReplyTo& to, const std::string& verb, const Json& args) {
-      if (verb == "later") {
+      if (verb == "later")
         waiting_.push_back(to);
-      } else if (verb == "throws") {
+      else if (verb == "throws")
         throw std::runtime_error("no such luck");
-      } else if (verb == "typed") {
+      else if (verb == "typed")
         server_->reply(to, Json{{"n", args.value("n", 1)}});
-      } else {
+      else
         server_->reply(to, Json{{"verb", verb}, {"args", args}});
-      }
     });
     EXPECT_TRUE(server) << server.message();
     server_.emplace(std::move(*server));
@@ -46,9 +45,7 @@ class ServerTest : public testing::Test {
         ::poll(fds.data(), fds.size(), 5);
         server_->serve();
         if (answer_later_.exchange(false)) {
-          for (const ReplyTo& to : waiting_) {
-            server_->reply(to, Json{{"late", true}});
-          }
+          for (const ReplyTo& to : waiting_) server_->reply(to, Json{{"late", true}});
           server_->serve();
         }
       }
@@ -70,18 +67,14 @@ class ServerTest : public testing::Test {
   static Json line_from(const Fd& fd) {
     std::string text;
     char byte = 0;
-    while (::recv(fd.get(), &byte, 1, 0) == 1 && byte != '\n') {
-      text += byte;
-    }
+    while (::recv(fd.get(), &byte, 1, 0) == 1 && byte != '\n') text += byte;
     return Json::parse(text, nullptr, false);
   }
   static void send(const Fd& fd, const std::string& text) {
     std::size_t sent = 0;
     while (sent < text.size()) {
       const ssize_t n = ::send(fd.get(), text.data() + sent, text.size() - sent, MSG_NOSIGNAL);
-      if (n <= 0) {
-        return;
-      }
+      if (n <= 0) return;
       sent += static_cast<std::size_t>(n);
     }
   }
@@ -208,17 +201,13 @@ TEST_F(ServerTest, AFloodOfOneClientIsHandledInPieces) {
   const Fd other = raw();
   constexpr std::size_t kRequests = 1000;
   std::string text;
-  for (std::size_t i = 0; i < kRequests; ++i) {
-    text += "{\"id\":1,\"verb\":\"later\"}\n";
-  }
+  for (std::size_t i = 0; i < kRequests; ++i) text += "{\"id\":1,\"verb\":\"later\"}\n";
   send(flood, text);
   send(other, "{\"id\":2,\"verb\":\"later\"}\n");
   server_->serve();
   EXPECT_LT(waiting_.size(), kRequests / 10) << "handled in one turn";
   EXPECT_EQ(waiting_.back().id, 2) << "the other client is served in the same turn";
-  for (std::size_t turn = 0; turn < kRequests; ++turn) {
-    server_->serve();
-  }
+  for (std::size_t turn = 0; turn < kRequests; ++turn) server_->serve();
   EXPECT_EQ(waiting_.size(), kRequests + 1);
   thread_ = std::thread([] {});
 }

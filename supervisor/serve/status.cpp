@@ -34,9 +34,8 @@ Json joint_status_json(std::uint32_t status) {
       {wire::joint_status::kLost, "lost"},         {wire::joint_status::kNotHomed, "not_homed"},
       {wire::joint_status::kConflict, "conflict"}, {wire::joint_status::kGarbled, "garbled"},
       {wire::joint_status::kNotReady, "not_ready"}};
-  for (const auto& [bit, word] : bits) {
+  for (const auto& [bit, word] : bits)
     if ((status & bit) != 0) words.push_back(word);
-  }
   if ((status & wire::joint_status::kFresh) == 0) words.push_back("stale");
   return words;
 }
@@ -79,9 +78,8 @@ Json joints_json(const wire::RobotInfo& info, const robot::RobotConfig& robot, c
 
 Json sensors_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
   Json sensors = Json::object();
-  for (std::size_t i = 0; i < std::min<std::size_t>(info.sensor_count, wire::kNs); ++i) {
+  for (std::size_t i = 0; i < std::min<std::size_t>(info.sensor_count, wire::kNs); ++i)
     sensors[name_at(info.sensor_name, i)] = number_or_null(now.sensor[i]);
-  }
   return sensors;
 }
 
@@ -130,9 +128,8 @@ Json params_of(const wire::LawInfo& law, const wire::Params* live) {
 Json interrupts_json(int cpu) {
   const Result<std::vector<Interrupt>> found = interrupts_of(cpu);
   Json named = Json::array();
-  for (std::size_t i = 0; found && i < std::min(found->size(), kInterruptsNamed); ++i) {
+  for (std::size_t i = 0; found && i < std::min(found->size(), kInterruptsNamed); ++i)
     named.push_back({{"number", (*found)[i].number}, {"name", (*found)[i].name}});
-  }
   return {{"count", found ? Json(found->size()) : Json(nullptr)},
           {"named", std::move(named)},
           {"words", interrupt_words(found)}};
@@ -150,9 +147,8 @@ Json spine_core_json(const SpineLink& spine, const robot::SpineConfig& wanted) {
   const char* const names[] = {"none", "boot", "cpuset"};
   const std::vector<int> pinned = allowed_cpus(static_cast<pid_t>(info.tid_spine));
   std::string words = robot::isolation_words(isolated, cpu);
-  if (info.tid_spine != 0 && !pinned.empty() && pinned != std::vector<int>{cpu}) {
+  if (info.tid_spine != 0 && !pinned.empty() && pinned != std::vector<int>{cpu})
     words += fmt::format("; the thread that ticks is NOT pinned to it, it may run on {}", cpu_list(pinned));
-  }
   return {{"isolation", names[static_cast<std::size_t>(isolated.how(cpu))]},
           {"isolated_cores", cpu_list(isolated.all())},
           {"timer_tick", !isolated.is_tickless(cpu)},
@@ -228,9 +224,8 @@ Json resident_json(const SpineLink& spine) {
   Json list = Json::array();
   for (const wire::LawInfo& law : spine.laws()) {
     Json probes = Json::array();
-    for (std::uint32_t i = 0; i < std::min<std::uint32_t>(law.probe_count, wire::kNp); ++i) {
+    for (std::uint32_t i = 0; i < std::min<std::uint32_t>(law.probe_count, wire::kNp); ++i)
       probes.push_back(name_at(law.probe_name, i));
-    }
     list.push_back({{"law", text_of(law.name)},
                     {"law_id", law.law_id},
                     {"active", law.law_id == now.law_id},

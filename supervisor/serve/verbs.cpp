@@ -28,9 +28,8 @@ std::variant<SwapRequest, Refusal> read_request(const Json& args) {
     return Refusal{"usage", "no law was given: source is empty",
                    R"(send its text: args {"source":"...","name":"pd.cpp"})"};
   }
-  if (!request.params.is_object()) {
+  if (!request.params.is_object())
     return Refusal{"usage", "params is an object: {\"kp\":1.0}", "send args {\"params\":{\"NAME\":VALUE}}"};
-  }
   request.name = request.name.empty() ? "law.cpp" : request.name;
   return request;
 }
@@ -101,9 +100,8 @@ void Verbs::add_commands() {
                                                              {"reset", wire::CommandKind::reset},
                                                              {"recover", wire::CommandKind::recover},
                                                              {"sim_reset", wire::CommandKind::sim_reset}};
-  for (const auto& [name, kind] : plain) {
+  for (const auto& [name, kind] : plain)
     verbs_[name] = [this, kind = kind](const ReplyTo& to, const Json&) { command(kind, to); };
-  }
   verbs_["rollback"] = [this](const ReplyTo& to, const Json& args) { roll_back(to, args); };
   verbs_["activate"] = [this](const ReplyTo& to, const Json& args) { activate(to, args); };
   verbs_["revert_params"] = [this](const ReplyTo& to, const Json&) {
@@ -133,11 +131,10 @@ void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args)
 }
 
 void Verbs::command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t count, const Done& done) {
-  if (kind == wire::CommandKind::estop) {
+  if (kind == wire::CommandKind::estop)
     parts_.spine.press_estop();  // effective even when the command after it is lost or refused
-  } else if (kind == wire::CommandKind::reset) {
+  else if (kind == wire::CommandKind::reset)
     parts_.spine.release_estop();
-  }
   wire::Command command;
   command.kind = static_cast<std::uint32_t>(kind);
   command.count = count;

@@ -159,9 +159,8 @@ void LawLifecycle::on_event(const wire::Event& event) {
       }
       return;
     case wire::EventKind::law_confirmed:
-      if (Life* life = of_request(event.request_id); life && life->swap.mark(Stage::confirmed, "", event.t_ns)) {
+      if (Life* life = of_request(event.request_id); life && life->swap.mark(Stage::confirmed, "", event.t_ns))
         keep_(life->swap, life->record);
-      }
       return;
     case wire::EventKind::law_retired:
       return retired(event);
@@ -174,9 +173,8 @@ void LawLifecycle::on_event(const wire::Event& event) {
 // queued.
 std::optional<wire::LawFault> LawLifecycle::record_of(const wire::Event& event) {
   wire::LawFault fault{};
-  while (!faults_.empty()) {
+  while (!faults_.empty())
     if (faults_.next(fault)) untold_.push_back(fault);
-  }
   const auto is_it = [&](const wire::LawFault& each) {
     return each.request_id == event.request_id && each.tick == event.tick;
   };
@@ -186,9 +184,7 @@ std::optional<wire::LawFault> LawLifecycle::record_of(const wire::Event& event) 
     record = *found;
     untold_.erase(found);
   }
-  while (untold_.size() > wire::spine_segment::kLawFaultsDepth) {
-    untold_.pop_front();  // its event was lost
-  }
+  while (untold_.size() > wire::spine_segment::kLawFaultsDepth) untold_.pop_front();  // its event was lost
   return record;
 }
 
@@ -234,9 +230,7 @@ void LawLifecycle::tell_fault(Life& life, Json fault) {
 }
 
 void LawLifecycle::locate(Life& life, const wire::LawFault& fault) {
-  if (!locate_ || fault.pc_offset == 0) {
-    return;  // not in the law's own code
-  }
+  if (!locate_ || fault.pc_offset == 0) return;  // not in the law's own code
   life.asked = true;
   const std::uint64_t id = life.swap.request_id();
   locate_(life.swap, fault.pc_offset, [this, id](const Json& place) {
@@ -249,9 +243,7 @@ void LawLifecycle::locate(Life& life, const wire::LawFault& fault) {
       tell_fault(*found, std::move(known));
       keep_(found->swap, found->record);
     }
-    if (found->retired) {
-      std::erase_if(lives_, [&](const Life& each) { return each.swap.request_id() == id; });
-    }
+    if (found->retired) std::erase_if(lives_, [&](const Life& each) { return each.swap.request_id() == id; });
   });
 }
 
@@ -308,10 +300,9 @@ Json LawLifecycle::score_of(std::uint32_t law_id) const {
   Json score = {{"verdict", life->swap.verdict()}};
   if (control.empty()) return score;
   for (const char* key : {"clamped", "missed_ticks"}) score[key] = control["after"][key];
-  for (const Json& joint : control["joints"]) {
+  for (const Json& joint : control["joints"])
     if (joint["after"].is_object())
       score["rms_error_rad"][joint["joint"].get<std::string>()] = joint["after"]["rms_error_rad"];
-  }
   return score;
 }
 

@@ -43,9 +43,7 @@ class LawLifecycleTest : public SpineRig {
     Transaction swap(100 + law_id, request, 1);
     swap.mark_started(1);
     swap.mark_compiled({}, 2);
-    for (const Stage each : {Stage::admitted, Stage::placed, Stage::tried, Stage::staged}) {
-      swap.mark(each, "", 3);
-    }
+    for (const Stage each : {Stage::admitted, Stage::placed, Stage::tried, Stage::staged}) swap.mark(each, "", 3);
     swap.mark_committed(10 * law_id, law_id, 4);
     lifecycle_->follow(std::move(swap), {}, {}, 4);
   }
@@ -259,9 +257,7 @@ TEST_F(LawLifecycleTest, WithoutALawBeforeItTheSafeLawTakesOver) {
 }
 
 TEST_F(LawLifecycleTest, ARollbackOverSeveralLawsTakesAllOfThemOut) {
-  for (std::uint32_t law = 1; law <= 4; ++law) {
-    commit(law);
-  }
+  for (std::uint32_t law = 1; law <= 4; ++law) commit(law);
   tell(EventKind::law_rolled_back, 9999, 2, 77);
   EXPECT_EQ(verdict(4), "rolled_back");
   EXPECT_EQ(verdict(3), "rolled_back");
@@ -290,9 +286,7 @@ TEST_F(LawLifecycleTest, AnotherCommitEndsAProbation) {
 TEST_F(LawLifecycleTest, MeasuresOnceWhenItIsTimeOrWhenAnotherLawIsOnItsWay) {
   ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
   auto record = std::make_unique<wire::Telemetry>();
-  for (record->tick = 1; record->tick < 100; ++record->tick) {
-    ring.push(*record);
-  }
+  for (record->tick = 1; record->tick < 100; ++record->tick) ring.push(*record);
   commit(1, 0);
   lifecycle_->serve(5);
   EXPECT_TRUE(kept_.empty());
@@ -344,9 +338,7 @@ TEST_F(LawLifecycleTest, AFaultOutsideTheLawsCodeOrWithoutAnAnswerKeepsWhatIsKno
   fault(1, 7, wire::LawFaultKind::overran, 26);
   answers_.at(0)(nullptr);
   EXPECT_EQ(lifecycle_->faults().size(), 2u);
-  for (std::uint64_t tick = 100; tick < 120; ++tick) {
-    fault(1, 7, wire::LawFaultKind::overran, tick);
-  }
+  for (std::uint64_t tick = 100; tick < 120; ++tick) fault(1, 7, wire::LawFaultKind::overran, tick);
   EXPECT_EQ(lifecycle_->faults().size(), LawLifecycle::kFaultsKept);
   EXPECT_EQ(lifecycle_->faults().back()["tick"], 119);
   lifecycle_->end("the robot is being stopped", 60);

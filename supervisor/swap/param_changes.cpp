@@ -46,9 +46,8 @@ std::optional<Refusal> wrong_param(const Json& params, const Json& law) {
     const Json known = law.value("params", Json::array());
     const auto found = std::find_if(known.begin(), known.end(),
                                     [&name = name](const Json& each) { return each.value("name", "") == name; });
-    if (found == known.end()) {
+    if (found == known.end())
       return Refusal{"unknown_param", fmt::format("the new law has no parameter '{}'", name), "leave it out"};
-    }
     if (!value.is_number() || !(value >= (*found)["min"]) || !(value <= (*found)["max"])) {
       return Refusal{"refused_range",
                      fmt::format("{} = {} is outside [{}, {}]", name, value.dump(), (*found)["min"].dump(),
@@ -149,9 +148,8 @@ void ParamChanges::tried(std::uint64_t number, const Answer& answer) {
   if (const auto* found = std::get_if<Refusal>(&answer)) {
     Refusal refusal = *found;
     refusal.message = fmt::format("{}: {}", in_words(change->values, change->law.values), found->message);
-    if (refusal.code == "trial_failed") {
+    if (refusal.code == "trial_failed")
       refusal.next = "nothing was changed; choose values nearer to those that hold, or change the law";
-    }
     refuse(*change, refusal);
     return;
   }
@@ -168,9 +166,8 @@ void ParamChanges::send(Change& change) {
   const std::uint64_t number = change.number;
   const std::uint64_t id = help_.commands.send(
       change.command, [this, number](const Answer& answer) { answered(number, answer); }, monotonic_ns());
-  if (Change* still = head(number)) {  // it may have been refused and removed
+  if (Change* still = head(number))  // it may have been refused and removed
     still->command_id = id;
-  }
 }
 
 void ParamChanges::answered(std::uint64_t number, const Answer& answer) {
@@ -180,14 +177,12 @@ void ParamChanges::answered(std::uint64_t number, const Answer& answer) {
     refuse(*change, *refusal);
     return;
   }
-  if (change->record["verdict"] == "sent") {  // its event was lost
+  if (change->record["verdict"] == "sent")  // its event was lost
     keep(*change, "taken");
-  }
   help_.laws.passed_again(change->law.info.request_id, merged(change->law.values, change->values), change->trial);
   Json result = Json::object();
-  for (const char* key : {"trial_ms", "warnings"}) {
+  for (const char* key : {"trial_ms", "warnings"})
     if (change->record.contains(key)) result[key] = change->record[key];
-  }
   help_.log.note(change->law.info.request_id, "params_set", in_words(change->values, change->law.values));
   settle(result);
 }
@@ -233,11 +228,10 @@ void ParamChanges::on_event(const wire::Event& event) {
 }
 
 void ParamChanges::applied(const wire::Event& event) {
-  if (!waiting_.empty() && event.request_id != 0 && waiting_.front().command_id == event.request_id) {
+  if (!waiting_.empty() && event.request_id != 0 && waiting_.front().command_id == event.request_id)
     keep(waiting_.front(), "taken");
-  } else if (text_of(event.text) == "as before the last change") {
+  else if (text_of(event.text) == "as before the last change")
     judge_open(event.code, "reverted", "asked for", true);
-  }
 }
 
 void ParamChanges::keep(Change& change, const char* verdict) {

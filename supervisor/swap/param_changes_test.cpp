@@ -120,9 +120,7 @@ class ParamChangesTest : public SpineRig {
   }
   bool reaches_the_spine() {
     std::uint64_t ticket = 0;
-    if (!tick_->receive(command_, ticket)) {
-      return false;
-    }
+    if (!tick_->receive(command_, ticket)) return false;
     ticket_ = ticket;
     return true;
   }

@@ -31,9 +31,8 @@ bool Placement::has_arena() const {
 // (models/placement.pml).
 bool Placement::predecessors_requests_are_answered() {
   constexpr std::uint64_t kDepth = wire::control_segment::kStageDepth;
-  for (std::uint64_t ticket = inherited_ > kDepth ? inherited_ - kDepth + 1 : 1; ticket <= inherited_; ++ticket) {
+  for (std::uint64_t ticket = inherited_ > kDepth ? inherited_ - kDepth + 1 : 1; ticket <= inherited_; ++ticket)
     if (spine_.poll_stage(ticket) == wire::StageResult::pending) return false;
-  }
   inherited_ = 0;
   return true;
 }
@@ -41,13 +40,11 @@ bool Placement::predecessors_requests_are_answered() {
 std::uint32_t Placement::free_slot() {
   if (!predecessors_requests_are_answered()) return 0;
   // Read the answers first: the Loader publishes a law before it answers the request.
-  for (Use& use : uses_) {
+  for (Use& use : uses_)
     if (use.state == Use::asked && spine_.poll_stage(use.ticket) != wire::StageResult::pending) use = {};
-  }
   std::array<bool, arena::kSlots + 1> resident{};
-  for (const wire::LawInfo& law : spine_.laws()) {
+  for (const wire::LawInfo& law : spine_.laws())
     if (arena::is_slot(law.slot)) resident[law.slot] = true;
-  }
   for (std::uint32_t i = 0; i < arena::kSlots; ++i) {
     const std::uint32_t slot = 1 + (last_ + i) % arena::kSlots;
     if (!resident[slot] && uses_[slot].state == Use::free) return slot;

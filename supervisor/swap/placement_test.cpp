@@ -65,9 +65,7 @@ class PlacementTest : public SpineRig {
 };
 
 TEST_F(PlacementTest, SlotsOfLawsInTheSpineAreNotGivenAway) {
-  for (std::uint32_t i = 0; i < 5; ++i) {
-    publish(i, 10 + i, 1 + i);
-  }
+  for (std::uint32_t i = 0; i < 5; ++i) publish(i, 10 + i, 1 + i);
   EXPECT_EQ(placement_->free_slot(), 6U);
   publish(2, 0, 0);
   EXPECT_EQ(placement_->free_slot(), 3U) << "its law is gone";
@@ -83,9 +81,7 @@ TEST_F(PlacementTest, ASlotInARequestIsTakenUntilTheLoaderHasAnswered) {
 }
 
 TEST_F(PlacementTest, ASupervisorThatAdoptsWaitsForTheAnswersToItsPredecessorsRequests) {
-  for (int i = 0; i < 3; ++i) {
-    ASSERT_TRUE(link_->stage({}));
-  }
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(link_->stage({}));
   Placement successor(*link_, lawd_);
   for (int i = 0; i < 3; ++i) {
     EXPECT_EQ(successor.free_slot(), 0U) << "nobody knows which slot request " << i << " names";
@@ -117,9 +113,7 @@ TEST_F(PlacementTest, LawdWritesIntoOneSlotAfterTheOther) {
         wait_for([&](const Placement::Callback& then) { placement_->place(hash, then, monotonic_ns()); });
     const auto* placed = std::get_if<Placed>(&answer);
     ASSERT_NE(placed, nullptr) << std::get<Refusal>(answer).message;
-    if (placed->slot == 0) {
-      GTEST_SKIP() << "this system refuses the arena";
-    }
+    if (placed->slot == 0) GTEST_SKIP() << "this system refuses the arena";
     EXPECT_EQ(placed->slot, slot);
     std::vector<std::byte> image(placed->code_bytes);
     const auto at = static_cast<off_t>(arena::slot_address(slot) - arena::kBase);

@@ -46,9 +46,8 @@ auto box_for() {
 // Time of the admission gates [ns]; 0 for a law from the cache, which was admitted earlier.
 std::int64_t admission_ns(const Json& compiled) {
   double ms = 0.0;
-  if (!compiled.value("cached", false)) {
+  if (!compiled.value("cached", false))
     for (const Json& gate : compiled.value("gates", Json::array())) ms += gate.value("ms", 0.0);
-  }
   return static_cast<std::int64_t>(ms * 1e6);
 }
 
@@ -119,9 +118,8 @@ Sequence Swaps::swap_law(Transaction& swap) {
   // given up may still be committed.
   if (const auto no = stage(swap)) co_return refuse(swap, *no);
   for (const Stage next : kInTheSpine) {
-    if (next == Stage::shadow && swap.request().terms.shadow_s == 0) {
+    if (next == Stage::shadow && swap.request().terms.shadow_s == 0)
       continue;  // on request only: first it runs beside the active law, without effect
-    }
     const auto why_not = co_await spine_reaches(next, swap);
     if (heard_.refusal) co_return refuse(swap, *heard_.refusal);
     if (why_not && !find_commit(now_ns())) co_return give_up(swap, *why_not);
@@ -225,9 +223,8 @@ std::variant<std::string, Refusal> Swaps::tried(Transaction& swap, const Answer&
                                               : Json();
   if (report.is_object()) {
     const auto running = refusal == nullptr ? help_.spine.running_law() : std::nullopt;
-    for (const std::string& worse : running ? tried_laws_.worse_than(*running, report) : std::vector<std::string>{}) {
+    for (const std::string& worse : running ? tried_laws_.worse_than(*running, report) : std::vector<std::string>{})
       report["warnings"].push_back(worse);
-    }
     swap.note("trial", report);
   }
   if (refusal != nullptr) return *refusal;

@@ -173,13 +173,12 @@ void Swaps::come_late(const wire::Event& event) {
 // Writes into answer and certificate which State fields start from their defaults.
 void Swaps::not_carried(const wire::Event& event) {
   const Json what = not_carried_json(event);
-  if (is_head(event.request_id)) {
+  if (is_head(event.request_id))
     head_->swap.note("state_not_carried", what);
-  } else if (const auto late = given_up(event.request_id); late != unconfirmed_.end()) {
+  else if (const auto late = given_up(event.request_id); late != unconfirmed_.end())
     late->swap.note("state_not_carried", what);
-  } else {
+  else
     lifecycle_.note(event.request_id, "state_not_carried", what);
-  }
 }
 
 }  // namespace lithe::control

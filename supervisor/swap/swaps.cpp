@@ -33,11 +33,9 @@ Swaps::Swaps(const Helpers& helpers, RecordBook book, std::uint64_t first_reques
       next_id_(first_request_id) {}
 
 std::variant<SwapTerms, Refusal> Swaps::read_terms(const Json& args) const {
-  for (const auto& [name, value] : args.items()) {
-    if (!is_term(name) && name != "source" && name != "name" && name != "params" && name != "supersede") {
+  for (const auto& [name, value] : args.items())
+    if (!is_term(name) && name != "source" && name != "name" && name != "params" && name != "supersede")
       return Refusal{"usage", fmt::format("swap has no argument '{}'", name), "see docs/reference/verbs.md"};
-    }
-  }
   return control::read_terms(args, robots_terms_, help_.spine.info().rate_hz);
 }
 
@@ -46,9 +44,8 @@ std::optional<Refusal> Swaps::no_shadow(const SwapTerms& terms) const {
   wire::Telemetry now{};
   (void)help_.spine.latest(now);
   const auto mode = static_cast<wire::Mode>(now.mode);
-  if (terms.shadow_s == 0 || (now.law_id != 0 && (mode == wire::Mode::active || mode == wire::Mode::hold))) {
+  if (terms.shadow_s == 0 || (now.law_id != 0 && (mode == wire::Mode::active || mode == wire::Mode::hold)))
     return std::nullopt;
-  }
   return Refusal{"refused_mode",
                  fmt::format("a shadow runs beside the active law, and in mode {} none runs", to_string(mode)),
                  "arm first: lithe arm; or swap without a shadow"};

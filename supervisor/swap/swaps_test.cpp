@@ -366,9 +366,7 @@ TEST_F(SwapsTest, AStagedLawWhoseEventsAreAllLostIsFoundInSharedMemory) {
 }
 
 TEST_F(SwapsTest, TakesAtMostSixtyFourWaitingRequestsAndRefusesAllWhenTheSpineIsGone) {
-  for (std::size_t i = 0; i <= Swaps::kMaxWaiting; ++i) {
-    submit({"many.cpp", kRestLaw});
-  }
+  for (std::size_t i = 0; i <= Swaps::kMaxWaiting; ++i) submit({"many.cpp", kRestLaw});
   ASSERT_EQ(answers_.size(), 1U);
   EXPECT_EQ(refusal(0).code, "busy");
   swaps_->refuse_all(kGone, monotonic_ns());

@@ -21,9 +21,8 @@ void compare(const Json& run, const Json& before, const char* which, const std::
              const std::vector<std::string>& joints, std::vector<std::string>& worse) {
   const Json now = run.value("joint_rms_error_rad", Json::array());
   const Json then = before.value("joint_rms_error_rad", Json::array());
-  if (!run.contains("ticks") || run["ticks"] != before.value("ticks", Json())) {
+  if (!run.contains("ticks") || run["ticks"] != before.value("ticks", Json()))
     return;  // compare only runs of the same length
-  }
   for (std::size_t j = 0; j < std::min({joints.size(), now.size(), then.size()}); ++j) {
     const double now_rad = now[j].get<double>(), then_rad = then[j].get<double>();
     if (now_rad <= kWorseRatio * then_rad + kWorseRad) continue;
@@ -86,9 +85,8 @@ std::vector<std::string> TriedLaws::worse_than(const RunningLaw& law, const Json
   if (run == runs.rend()) return {};
   const wire::RobotInfo& info = spine_.info();
   std::vector<std::string> joints;
-  for (std::size_t j = 0; j < std::min<std::size_t>(info.joint_count, wire::kNj); ++j) {
+  for (std::size_t j = 0; j < std::min<std::size_t>(info.joint_count, wire::kNj); ++j)
     joints.push_back(joint_name(info, j));
-  }
   return worse_joints(loop_of(trial), run->loop, fmt::format("under {}, which runs now", text_of(law.info.name)),
                       joints);
 }

@@ -18,9 +18,8 @@ bool read(const std::string& line, Frame& frame) {
   std::string data;
   if (!(words >> std::hex >> frame.id >> frame.extended >> frame.fd >> frame.brs >> data)) return false;
   if (data == "-") return true;
-  for (std::size_t i = 0; i + 1 < data.size() && frame.size < lithe::hal::kMaxPayload; i += 2) {
+  for (std::size_t i = 0; i + 1 < data.size() && frame.size < lithe::hal::kMaxPayload; i += 2)
     frame.data[frame.size++] = static_cast<std::uint8_t>(std::stoi(data.substr(i, 2), nullptr, 16));
-  }
   return true;
 }
 

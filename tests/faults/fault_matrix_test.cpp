@@ -56,9 +56,8 @@ std::vector<Row> specification() {
   for (const auto& [name, table] : parsed.table()) order.emplace_back(table.source().begin.line, name.str());
   std::sort(order.begin(), order.end());
   std::vector<Row> rows;
-  for (const auto& [line, name] : order) {
+  for (const auto& [line, name] : order)
     for (const char* kind : kKinds) rows.push_back(row_of(name, *parsed.table()[name].as_table(), kind));
-  }
   return rows;
 }
 
@@ -183,9 +182,8 @@ TEST(FaultMatrix, DrivesThatAreSeldomAskedEndOnTheSameRungs) {
     const int within = row.wanted.within;
     for (const auto& [divider, change] : dividers) {
       row.wanted.within = within * divider;
-      if (const std::string found = compare(row, run(row.cell, change)); !found.empty()) {
+      if (const std::string found = compare(row, run(row.cell, change)); !found.empty())
         wrong += "asked in every " + std::to_string(divider) + "th tick: " + found;
-      }
     }
   }
   EXPECT_EQ(wrong, "");

@@ -131,9 +131,8 @@ class Rig : private loop::TickBench {
       if (out_.ticks == 0 && rung(target_) != wire::Rung::law) out_.ticks = i;
     }
     tell(ladders);
-    for (const auto& [name, count] : counts()) {
+    for (const auto& [name, count] : counts())
       if (count > before.at(name)) out_.counted += (out_.counted.empty() ? "" : " ") + name;
-    }
   }
 
   void strike() {
@@ -173,9 +172,8 @@ class Rig : private loop::TickBench {
     wire::Event event;
     while (events_.next(event)) {
       const std::string text(event.text.data());
-      if (text.ends_with(" at joint " + robot_.joints[target_].name + ", group " + robot_.joints[target_].group)) {
+      if (text.ends_with(" at joint " + robot_.joints[target_].name + ", group " + robot_.joints[target_].group))
         named_ = text;
-      }
     }
   }
 
@@ -183,9 +181,8 @@ class Rig : private loop::TickBench {
   bool nothing_was_undone() const {
     if (cell_.before_arming) return true;
     bool same = record_.fault == then_.fault && record_.mode == then_.mode;
-    for (std::uint32_t j = 0; j < joints(); ++j) {
+    for (std::uint32_t j = 0; j < joints(); ++j)
       same = same && record_.joint_rung[j] >= then_.joint_rung[j] && record_.joint_fault[j] == then_.joint_fault[j];
-    }
     return same;
   }
 

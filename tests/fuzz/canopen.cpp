@@ -23,9 +23,7 @@ constexpr int kMostSteps = 128;
 // Whatever was heard: with nobody there it gives up in bounded time, and says so.
 void comes_to_an_end(SdoClient& client, std::int64_t now_ns) {
   Frame frame;
-  for (int i = 0; i < 32 && client.outcome() == Outcome::busy; ++i) {
-    client.next(now_ns += SdoClient::kTimeoutNs, frame);
-  }
+  for (int i = 0; i < 32 && client.outcome() == Outcome::busy; ++i) client.next(now_ns += SdoClient::kTimeoutNs, frame);
   require(client.outcome() != Outcome::busy, "a transfer that nobody answers ends");
 }
 
@@ -185,9 +183,8 @@ std::vector<Seed> seeds() {
   }
   Script others, asks, process;
   others.byte(1);
-  for (const std::uint8_t state : List<std::uint8_t>{0x00, 0x04, 0x05, 0x7f, 0x85, 0x11}) {
+  for (const std::uint8_t state : List<std::uint8_t>{0x00, 0x04, 0x05, 0x7f, 0x85, 0x11})
     others.frame(heartbeat_frame(kNode, NmtState{state})).byte(5).byte(20);
-  }
   others.frame(emergency_frame(kNode, {0x8130, 0x11})).byte(50).byte(20);
   process.byte(2);
   for (unsigned i = 0; i < 100; ++i) process.byte(i * 7);

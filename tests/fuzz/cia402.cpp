@@ -73,9 +73,8 @@ class Bench {
     for (unsigned i = 0; i < exchanges; ++i) {
       command(with, 1);
       Frame answer;
-      for (const Frame& frame : outbox_.sent()) {
+      for (const Frame& frame : outbox_.sent())
         if (honest(params_, frame, answer)) take(answer);
-      }
     }
   }
 

@@ -92,9 +92,8 @@ void replay() {
   run({});
   for (const Seed& seed : all) run(seed);
   Random random(1);
-  for (const Seed& seed : all) {
+  for (const Seed& seed : all)
     for (int way = 0; way < kSpoiltWays; ++way) run(spoilt(seed, all[random() % all.size()], random));
-  }
   std::printf("%zu seeds, each spoilt in %d ways\n", all.size(), kSpoiltWays);
 }
 

@@ -77,9 +77,8 @@ class Robot {
   // The tricks are over.
   void recovers() {
     for (int i = 0; i < 4; ++i) honest_cycle();
-    for (std::size_t i = 0; i < kMoteus; ++i) {
+    for (std::size_t i = 0; i < kMoteus; ++i)
       require((state_.status[i] & status::kFresh) != 0, "a drive is heard again when the bus is good again");
-    }
     for (std::size_t bus = 0; bus < buses_.size(); ++bus) {
       const BusStatistics& count = buses_[bus]->statistics();
       require(count.received + count.late == peer_[bus].pushed(), "every frame on the bus is received or late");

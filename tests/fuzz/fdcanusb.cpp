@@ -28,9 +28,8 @@ std::uint8_t sum_of(std::string_view text) {
 
 Sum sum_in(std::string_view line) {
   std::uint32_t said = 0;
-  if (line.size() < 3 || line[line.size() - 3] != '*' || !hex_number(line.substr(line.size() - 2), said)) {
+  if (line.size() < 3 || line[line.size() - 3] != '*' || !hex_number(line.substr(line.size() - 2), said))
     return Sum::absent;
-  }
   return said == sum_of(line.substr(0, line.size() - 3)) ? Sum::right : Sum::wrong;
 }
 
@@ -68,9 +67,8 @@ void one_line(std::string_view text) {
     if (line.kind == Line::Kind::received) there_and_back(line.frame);
   }
   Request request;
-  if (fdcanusb::parse_request(text, {}, request) == nullptr && request.kind == Request::Kind::send) {
+  if (fdcanusb::parse_request(text, {}, request) == nullptr && request.kind == Request::Kind::send)
     there_and_back(request.frame);
-  }
 }
 
 Told expected_of(std::string_view text, bool sums) {
@@ -154,9 +152,8 @@ std::vector<Seed> seeds() {
     line.copy(text.data(), text.size());
     summed.append(text.data(), fdcanusb::append_sum(text, line.size())) += "\r\n";
   }
-  for (const std::string& text : {heard, commands, summed, summed + heard, std::string(300, 'x') + "\nOK\n"}) {
+  for (const std::string& text : {heard, commands, summed, summed + heard, std::string(300, 'x') + "\nOK\n"})
     for (const unsigned way : List<unsigned>{0, kTerminal, kTerminal | kSumsOn, kAdapter}) add(way, text);
-  }
   add(kAdapter, "can send 1 00 *00\n" + summed + commands);
   add(kTerminal, "OK *00\r\n" + heard);
   return all;

@@ -111,11 +111,9 @@ std::vector<Seed> seeds() {
   is.reply(Format::int32, reg::kSerial, std::array{1.0, 2.0, 3.0}, true);
   is.pad();
   std::vector<Seed> all;
-  for (unsigned way = 0; way < 8; ++way) {
-    for (unsigned verb = 0; verb < 2; ++verb) {
+  for (unsigned way = 0; way < 8; ++way)
+    for (unsigned verb = 0; verb < 2; ++verb)
       all.push_back(Script().byte(way).byte(verb).byte(3).text("tel").frame(found).frame(identity).frame(says("a\n")));
-    }
-  }
   return all;
 }
 

@@ -140,9 +140,8 @@ std::vector<Seed> seeds() {
       script->byte(0).byte(2).byte(2).byte(0);
     }
   }
-  for (unsigned i = 0; i < 60; ++i) {
+  for (unsigned i = 0; i < 60; ++i)
     heads.byte(3 + i % 5).number(static_cast<std::uint16_t>(i * 8)).byte(128 + i).byte(0).byte(2);
-  }
   return {good, bad, outside, heads};
 }
 

@@ -23,26 +23,23 @@ void there_and_back(const Frame& frame) {
   require(slcan::parse_answer(line, again) == Answer::frame && same(again, frame), "a host reads what was said");
   require(slcan::parse_request(line.substr(0, line.size() - 1), again) == slcan::Request::send && same(again, frame),
           "an adapter reads what was said");
-  for (std::size_t room = 0; room < line.size(); ++room) {
+  for (std::size_t room = 0; room < line.size(); ++room)
     require(slcan::format_frame(frame, std::span(text).first(room)) == 0, "what does not fit is not said");
-  }
 }
 
 void one_line(std::string_view line) {
   Frame untouched;
   untouched.id = 0x123;
   Frame frame = untouched;
-  if (slcan::parse_answer(line, frame) == Answer::frame) {
+  if (slcan::parse_answer(line, frame) == Answer::frame)
     there_and_back(frame);
-  } else {
+  else
     require(same(frame, untouched), "only a frame changes the frame");
-  }
   frame = untouched;
-  if (slcan::parse_request(line.substr(0, line.size() - 1), frame) == slcan::Request::send) {
+  if (slcan::parse_request(line.substr(0, line.size() - 1), frame) == slcan::Request::send)
     there_and_back(frame);
-  } else {
+  else
     require(same(frame, untouched), "only a frame changes the frame");
-  }
 }
 
 Told expected_of(std::string_view text) {
@@ -106,9 +103,8 @@ std::vector<Seed> seeds() {
       "Z0\rS9\rs0123\rX1\rQ0\rm1\rM00000000\rL\rt1230\rO\rC\rO\rB0000000112\rt1230\r\r";
   for (const std::string& text :
        {heard, commands, commands + heard, heard + "sb255000\r" + heard, std::string(300, '0') + "\rt1230\r"}) {
-    for (const unsigned way : List<unsigned>{0, kTerminal, kAdapter, kAdapter | kSilent}) {
+    for (const unsigned way : List<unsigned>{0, kTerminal, kAdapter, kAdapter | kSilent})
       all.push_back(Script().byte(way).text(cuts).text(text));
-    }
   }
   return all;
 }

@@ -67,9 +67,8 @@ void settle_safe_gains(robot::RobotConfig& robot) {
       return robot::phase_margin_rad(joint.inertia_min_kg_m2, kp, kd, delay_s) < 0.35;
     };
     while (shakes(0, joint.safe_kd_nm_s_rad)) joint.safe_kd_nm_s_rad *= 0.9;
-    while (joint.safe_kp_nm_rad > 0 && shakes(joint.safe_kp_nm_rad, joint.safe_kd_nm_s_rad)) {
+    while (joint.safe_kp_nm_rad > 0 && shakes(joint.safe_kp_nm_rad, joint.safe_kd_nm_s_rad))
       joint.safe_kp_nm_rad = joint.safe_kp_nm_rad > 1e-6 ? 0.9 * joint.safe_kp_nm_rad : 0;
-    }
   }
 }
 
@@ -83,9 +82,8 @@ void shuffle_drives(Run& run, Dice& dice, double least_hz) {
     device.rate_divider = kDividers[dice.random() % 4];
     while (run.robot.rate_hz / device.rate_divider < least_hz) device.rate_divider /= 2;
   }
-  for (robot::JointConfig& joint : run.robot.joints) {
+  for (robot::JointConfig& joint : run.robot.joints)
     if (joint.sim.encoder_noise_rad == 0) joint.sim.encoder_noise_rad = kNoiseRad / joint.ratio;
-  }
   settle_safe_gains(run.robot);
 }
 
@@ -120,9 +118,8 @@ Tally tally(const robot::RobotConfig& robot, std::uint64_t from, std::uint64_t r
   Tally all;
   for (std::uint64_t seed = from; seed < from + runs; ++seed) {
     Run run = a_run(robot, seed);
-    if (!with_envelope) {
+    if (!with_envelope)
       for (robot::JointConfig& joint : run.robot.joints) joint.inertia_max_kg_m2 = 0;
-    }
     const Extremes extremes = play(run);
     ++all.runs;
     all.ticks += extremes.ticks;
@@ -198,9 +195,7 @@ TEST(LimitsTwin, WithoutStoppingDistanceIsCaught) {
     const Extremes most = tally(robot, 1, 60, false).most;
     EXPECT_GT(most.overrun_rad, bounds.overrun_rad + 0.2) << name;
     EXPECT_GT(most.speed_share, bounds.speed_share) << name;
-    if (robot.plant.kind == robot::PlantKind::chain) {
-      EXPECT_GT(most.step_share, bounds.step_share) << name;
-    }
+    if (robot.plant.kind == robot::PlantKind::chain) EXPECT_GT(most.step_share, bounds.step_share) << name;
   }
 }
 

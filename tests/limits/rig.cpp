@@ -191,11 +191,9 @@ class Player {
     }
     if (run.recover) guard_.start_recovery();
     dividers_.resize(count_, 1);
-    for (std::size_t j = 0; j < count_; ++j) {
-      if (run.robot.joints[j].device < run.robot.devices.size()) {
+    for (std::size_t j = 0; j < count_; ++j)
+      if (run.robot.joints[j].device < run.robot.devices.size())
         dividers_[j] = run.robot.devices[run.robot.joints[j].device].rate_divider;
-      }
-    }
     look();
     before_ = sample_;
   }
@@ -292,9 +290,8 @@ class Player {
   }
 
   void advance() {
-    for (std::size_t j = 0; j < count_; ++j) {
+    for (std::size_t j = 0; j < count_; ++j)
       torque_nm_[j] = drives_[j].wanted_nm() + (run_.bias_nm.empty() ? 0 : run_.bias_nm[j]);
-    }
     joints_.step(torque_nm_);
     for (std::size_t j = 0; j < count_; ++j) {
       const robot::JointConfig& joint = run_.robot.joints[j];

@@ -41,17 +41,15 @@ std::string hex_of(const Frame& frame) {
 
 std::vector<std::uint8_t> bytes_of(const std::string& hex) {
   std::vector<std::uint8_t> bytes;
-  for (std::size_t i = 0; i + 1 < hex.size(); i += 2) {
+  for (std::size_t i = 0; i + 1 < hex.size(); i += 2)
     bytes.push_back(static_cast<std::uint8_t>(std::stoul(hex.substr(i, 2), nullptr, 16)));
-  }
   return bytes;
 }
 
 std::vector<SubframeWriter::Choice> formats_of(const Json& list) {
   std::vector<SubframeWriter::Choice> formats;
-  for (const Json& each : list) {
+  for (const Json& each : list)
     formats.push_back(each.is_null() ? SubframeWriter::Choice() : static_cast<Format>(each.get<int>()));
-  }
   return formats;
 }
 

@@ -33,9 +33,7 @@ class Probing {
   void run(const std::array<double, 2>& torques_nm) {
     rest(hal::DriveAction::off);
     rest(hal::DriveAction::torque);
-    for (double t_s = 0; t_s < kSineS; t_s += period_s()) {
-      cycle(t_s < kRampS ? -1 : 0, t_s, follow(t_s));
-    }
+    for (double t_s = 0; t_s < kSineS; t_s += period_s()) cycle(t_s < kRampS ? -1 : 0, t_s, follow(t_s));
     for (int probe = 0; probe < 2; ++probe) {
       for (double t_s = 0; t_s < kProbeS; t_s += period_s()) {
         constexpr double kProbeRampS = 0.05;

@@ -32,28 +32,25 @@ struct Element<std::array<T, N>> {
 // The number whose hexadecimal digits stand for a value, and back.
 template <class T>
 std::uint64_t to_number(T value) {
-  if constexpr (std::is_floating_point_v<T>) {
+  if constexpr (std::is_floating_point_v<T>)
     return std::bit_cast<std::uint64_t>(value);
-  } else {
+  else
     return static_cast<std::make_unsigned_t<T>>(value);
-  }
 }
 template <class T>
 T from_number(std::uint64_t number) {
-  if constexpr (std::is_floating_point_v<T>) {
+  if constexpr (std::is_floating_point_v<T>)
     return std::bit_cast<T>(number);
-  } else {
+  else
     return static_cast<T>(static_cast<std::make_unsigned_t<T>>(number));
-  }
 }
 
 template <class F, class Visit>
 void for_each_element(F& field, Visit&& visit) {
-  if constexpr (std::is_arithmetic_v<F>) {
+  if constexpr (std::is_arithmetic_v<F>)
     visit(field);
-  } else {
+  else
     for (auto& element : field) visit(element);
-  }
 }
 
 // "field:size:1f,2,3 field:..."
@@ -103,9 +100,8 @@ template <class T>
 T from_hex(const std::string& text) {
   T message{};
   auto* bytes = reinterpret_cast<unsigned char*>(&message);
-  for (std::size_t i = 0; i < sizeof(T) && 2 * i + 1 < text.size(); ++i) {
+  for (std::size_t i = 0; i < sizeof(T) && 2 * i + 1 < text.size(); ++i)
     bytes[i] = static_cast<unsigned char>(std::stoul(text.substr(2 * i, 2), nullptr, 16));
-  }
   return message;
 }
 

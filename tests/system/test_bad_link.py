@@ -111,7 +111,9 @@ JUMP_RAD = 0.0005
 
 
 @contextlib.contextmanager
-def robot_behind(seed: int, cuts: dict[tuple[str, int], str]) -> Iterator[tuple[RobotRig, lithe.Robot, Gateway, SlowLink]]:
+def robot_behind(
+    seed: int, cuts: dict[tuple[str, int], str]
+) -> Iterator[tuple[RobotRig, lithe.Robot, Gateway, SlowLink]]:
     """An arm with a bad law, its gateway, and a bad connection to that."""
     with calm_robot() as rig, connected() as robot:
         robot.swap(WEAK, name="weak.cpp", probation_s=0.0)

@@ -153,9 +153,9 @@ def test_a_lithe_command_that_a_page_names_and_the_program_lacks_is_found() -> N
     ]
 
 
-@pytest.mark.parametrize("path", ["`keys/device_key.cpp`", "`core/acts.hpp`", "`cia402_reports.cpp`", "`robos/`"])
+@pytest.mark.parametrize("path", ["`keys/moteus_key.cpp`", "`core/acts.hpp`", "`cia402_reports.cpp`", "`robos/`"])
 def test_a_name_without_its_folders_that_no_file_has_is_found(path: str) -> None:
-    there = "`keys/device_keys.cpp`, `core/act.hpp`, `cia402_report.cpp`, `robots/`, `KIND/sim/`, `x.hpp`, `out/demo/`"
+    there = "`keys/moteus_keys.cpp`, `core/act.hpp`, `cia402_report.cpp`, `robots/`, `KIND/sim/`, `x.hpp`, `out/demo/`"
     assert paper.path_troubles(Path("ARCHITECTURE.md"), there, ROOT) == []
     assert len(paper.path_troubles(Path("ARCHITECTURE.md"), path, ROOT)) == 1
 

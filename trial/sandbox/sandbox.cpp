@@ -51,9 +51,8 @@ bool keep_heap(std::size_t bytes) {
 
 Result<> shed_rights(int pipe_fd, const Limits& limits) {
   const int null = open("/dev/null", O_RDONLY | O_CLOEXEC);
-  for (int fd = 0; fd < 3; ++fd) {
+  for (int fd = 0; fd < 3; ++fd)
     if (null < 0 || dup2(null, fd) < 0) return system_error("cannot close the standard streams");
-  }
   // Number 3 is the pipe now, and nothing else is open.
   if (pipe_fd != 3 && dup2(pipe_fd, 3) < 0) return system_error("cannot move the pipe");
   if (syscall(SYS_close_range, 4u, ~0u, 0u) != 0) return system_error("cannot close what was inherited");

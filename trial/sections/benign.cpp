@@ -33,9 +33,8 @@ bool same_bits(LawHarness& one, LawHarness& other, const LitheLaw& law, std::uin
 
 double largest_difference(const LawHarness& one, const LawHarness& other, std::uint32_t joints) {
   double most = 0;
-  for (std::uint32_t j = 0; j < joints; ++j) {
+  for (std::uint32_t j = 0; j < joints; ++j)
     most = std::max(most, std::abs(one.effort().torque_nm[j] - other.effort().torque_nm[j]));
-  }
   return most;
 }
 
@@ -70,13 +69,11 @@ bool TrialContext::refuse(const char* format, ...) {
 }
 
 bool TrialContext::sound(LawHarness& harness) {
-  if (const char* damage = harness.damage(); *damage != '\0') {
+  if (const char* damage = harness.damage(); *damage != '\0')
     return refuse("%s (%s): look for an index below zero", damage, report.doing.data());
-  }
   char bad[64];
-  if (law::outputs_are_finite(harness.effort(), harness.probes(), law, joints(), bad, sizeof bad)) {
+  if (law::outputs_are_finite(harness.effort(), harness.probes(), law, joints(), bad, sizeof bad))
     return within_joints(harness);
-  }
   refuse(
       "%s is not finite (%s): look for a division by zero, sqrt or log of a negative number, a sensor that is not "
       "valid (NaN), or a gain that diverges",

@@ -93,9 +93,8 @@ void expect_drives_on(const robot::RobotConfig& robot, int exchanges = 4) {
   for (int k = 0; k < exchanges; ++k, now_ns += rig.setup.period_ns()) {
     ++command.tick;
     rig.setup.plain.actuators->cycle(command, state, now_ns);
-    for (std::uint32_t j = 0; j < command.joints; ++j) {
+    for (std::uint32_t j = 0; j < command.joints; ++j)
       EXPECT_EQ(state.status[j] & wire::joint_status::kNotReady, 0u) << robot.name << " joint " << j << " tick " << k;
-    }
   }
   for (std::uint32_t j = 0; j < command.joints; ++j) EXPECT_GT(state.torque_nm[j], 0.003) << robot.name << " " << j;
 }
@@ -259,9 +258,8 @@ TEST(SimulatedRun, TheRoughRunFindsALawThatIsOnlyJustStable) {
   for (OnTheEdge::kDamping = 0.08; OnTheEdge::kDamping > 0; OnTheEdge::kDamping -= 0.004) {
     Rig rig(robot_of("arm.toml"));
     if (rig.run(kOnTheEdge)) rough = OnTheEdge::kDamping;
-    if (rig.report.loop.ticks == 1000 && rig.report.loop.tremor == 0 && rig.report.loop.fault == 0) {
+    if (rig.report.loop.ticks == 1000 && rig.report.loop.tremor == 0 && rig.report.loop.fault == 0)
       plain = OnTheEdge::kDamping;
-    }
   }
   std::printf("least damping at 12 N m/rad: %.3f on the plain run, %.3f on the rough one\n", plain, rough);
   EXPECT_GT(rough, plain + 0.001);

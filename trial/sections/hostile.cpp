@@ -124,9 +124,8 @@ class HostileInputs {
     // The process may have been preempted: only a step that is slow each time counts against the law.
     for (int again = 0; again < 4 && slowest_ns > limit_ns(); ++again)
       slowest_ns = std::min(slowest_ns, five_steps(change));
-    if (const char* damage = context_.one.damage(); *damage != '\0') {
+    if (const char* damage = context_.one.damage(); *damage != '\0')
       return context_.refuse("%s with %s: check an index before it is used", damage, context_.report.doing.data());
-    }
     if (slowest_ns > context_.report.hostile_worst_ns) {
       context_.report.hostile_worst_ns = slowest_ns;
       context_.report.hostile_slowest = context_.report.doing;

@@ -84,20 +84,18 @@ std::vector<PastTick> Recording::past(std::size_t most, std::uint32_t joints, do
   for (std::size_t back = 0; back < ticks.size(); ++back) {
     PastTick& past = ticks[back];
     past.age_s = static_cast<double>(back) * dt_s;
-    if (records_.empty()) {
+    if (records_.empty())
       law::dry_input(dry, ticks.size() - back + law::kDryStepsAtRest, joints);
-    } else {
+    else
       fill(dry, records_.size() - 1 - back);
-    }
     past.position_rad = dry.position_rad;
     past.velocity_rad_s = dry.velocity_rad_s;
     past.torque_nm = dry.torque_nm;
     past.setpoint_position_rad = dry.setpoint_position_rad;
     past.setpoint_velocity_rad_s = dry.setpoint_velocity_rad_s;
     past.sensor = dry.sensor;
-    for (std::uint32_t j = 0; j < joints && !records_.empty(); ++j) {
+    for (std::uint32_t j = 0; j < joints && !records_.empty(); ++j)
       past.command_torque_nm[j] = command_torque_nm(records_.size() - 1 - back, j);
-    }
   }
   return ticks;
 }

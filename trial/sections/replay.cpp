@@ -56,9 +56,8 @@ bool run_replay(TrialContext& context) {
 
   context.one.reset();
   for (std::size_t i = 0; i < records; ++i) {
-    if (i >= kMandatoryRecords && i + kMandatoryRecords < records && context.out_of_time()) {
+    if (i >= kMandatoryRecords && i + kMandatoryRecords < records && context.out_of_time())
       i = records - kMandatoryRecords;
-    }
     context.doing("record %u of %u of this robot", static_cast<unsigned>(i), static_cast<unsigned>(records));
     context.recording.fill(tick, i);
     context.one.step(tick);

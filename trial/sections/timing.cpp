@@ -32,11 +32,10 @@ bool run_timing(TrialContext& context) {
   while (times.size() < kTimingInputs && (times.size() < kMandatoryInputs || !context.out_of_time())) {
     const std::size_t k = times.size();
     context.doing("input %u of the timing", static_cast<unsigned>(k));
-    if (k % 2 == 1 && records > 0) {
+    if (k % 2 == 1 && records > 0)
       context.recording.fill(tick, records - 1 - (k / 2) % records);
-    } else {
+    else
       law::dry_input(tick, k, context.joints());
-    }
     std::memcpy(before.data(), state.data(), state.size());
     double best_ns = context.one.step(tick);
     context.report.worst_ns = std::max(context.report.worst_ns, best_ns);

@@ -90,9 +90,8 @@ class Push final : public TorqueSource {
 
 double stop_s(const RobotConfig& robot) {
   double longest_s = 0;
-  for (const JointConfig& joint : robot.joints) {
+  for (const JointConfig& joint : robot.joints)
     longest_s = std::max(longest_s, kStartShare * joint.velocity_max_rad_s / joint.deceleration_rad_s2);
-  }
   return std::min(longest_s + kAfterS, kMostStopS);
 }
 
@@ -131,9 +130,8 @@ Result<Finding> stop_with_safe_law(const RobotConfig& robot) {
                      .hz = stats.tremor_hz};
     }
     if (run.stats.ticks <= last) continue;
-    for (std::size_t j = 0; j < robot.joints.size(); ++j) {
+    for (std::size_t j = 0; j < robot.joints.size(); ++j)
       last_rad_s[j] = std::max(last_rad_s[j], std::abs(run.state().velocity_rad_s[j]));
-    }
   }
   return slowed_down(robot, from_rad_s, last_rad_s);
 }

@@ -150,17 +150,15 @@ SimulatedRun::SimulatedRun(const robot::RobotConfig& robot, const SimulatedRobot
   // Until the step may be armed: the drives need not know of it.
   NoTorque no_torque;
   SourceHost host(no_torque);
-  for (std::uint32_t i = 0; i < step::slowest_drive(robot); ++i) {
+  for (std::uint32_t i = 0; i < step::slowest_drive(robot); ++i)
     step_.run({.tick = 0, .now_ns = now_ns_, .sample = state_, .brain_age_ns = 0}, host, next_, record_);
-  }
   plan_ = gentle_plan(robot, state_.position_rad, now_ns_);
 }
 
 void SimulatedRun::watch() {
   tremor_ = {};
-  for (std::uint32_t j = 0; j < robot_.joints.size(); ++j) {
+  for (std::uint32_t j = 0; j < robot_.joints.size(); ++j)
     tremor_.configure(robot_.rate_hz, j, {robot_.joints[j].torque_max_nm, robot_.joints[j].velocity_max_rad_s});
-  }
 }
 
 void SimulatedRun::stop() {
@@ -262,9 +260,8 @@ void SimulatedRun::count(const step::Report& report) {
     const double held_nm = std::abs(wanted_nm - given_nm);
     if (held_nm > kHeldShare * robot_.joints[j].torque_max_nm) {
       if (++held_ticks_[j] > held_ticks_[stats.held_joint]) stats.held_joint = j;
-      if (held_nm > std::abs(held_[j].wanted_nm - held_[j].given_nm)) {
+      if (held_nm > std::abs(held_[j].wanted_nm - held_[j].given_nm))
         held_[j] = {stats.ticks, wanted_nm, given_nm, tick.position_rad[j], tick.velocity_rad_s[j]};
-      }
     }
     tremor_.see(tick, j, wanted_nm);
     if (!stopping_) {

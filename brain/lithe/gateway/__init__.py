@@ -104,7 +104,9 @@ class Gateway:
         self.lease = Lease()
         self.peers = Peers()
         self.past = Past(robot)
-        self._asking = threading.local()  # .client: whose request this thread handles; .stop_waits(): it has asked for a stop since
+        self._asking = (
+            threading.local()
+        )  # .client: whose request this thread handles; .stop_waits(): it has asked for a stop since
         self._ours: dict[str, Verb] = {
             "describe": self._describe,
             "latest": self._latest,
@@ -160,7 +162,9 @@ class Gateway:
     def _serve(self, link: socket.socket, rest: bytes, me: Peer) -> None:
         try:
             with link:
-                client = Client(link, rest, lambda line: self._answer(line, me, client.stop_waits), self.turns, self._say)
+                client = Client(
+                    link, rest, lambda line: self._answer(line, me, client.stop_waits), self.turns, self._say
+                )
                 client.serve()
         except OSError:
             pass  # it has left already

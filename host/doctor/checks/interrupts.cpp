@@ -36,9 +36,8 @@ Finding judge_untold(const Subject& subject, const CoreInterrupts& counts, Notes
     if (!effective.known()) return notes.say(State::unknown, "it cannot be read where some interrupts go");
     since_boot += each.count;
   }
-  if (since_boot == 0 || (subject.measured && subject.measured->device_interrupts_per_s == 0.0)) {
+  if (since_boot == 0 || (subject.measured && subject.measured->device_interrupts_per_s == 0.0))
     return notes.say(State::ok, fmt::format("no device interrupts core {}", subject.cpu));
-  }
   notes.add(kTable, fmt::format("{} of these on core {} since the boot", since_boot, subject.cpu));
   return notes.say(State::unknown,
                    "the controller does not tell where interrupts go: lithe doctor --measure 10 counts them");
@@ -46,9 +45,8 @@ Finding judge_untold(const Subject& subject, const CoreInterrupts& counts, Notes
 
 // Words of a kernel option, "rcu_nocbs=1,3"; empty if it is not on the command line.
 std::string option(const std::string& line, const std::string& name) {
-  for (const std::string& each : split(line)) {
+  for (const std::string& each : split(line))
     if (each.starts_with(name + "=")) return each;
-  }
   return "";
 }
 
@@ -73,9 +71,8 @@ Finding check_irq_affinity(const Subject& subject) {
   if (Finding untold = judge_untold(subject, *counts, notes); untold.state != State::ok) return untold;
   const std::optional<std::vector<int>> later = parse_mask(notes.read(kDefaultMask).value);
   if (!later) return notes.unread(kDefaultMask);
-  if (contains(*later, subject.cpu)) {
+  if (contains(*later, subject.cpu))
     return notes.say(State::warn, fmt::format("a device that is added later may interrupt core {}", subject.cpu));
-  }
   return notes.say(State::ok, fmt::format("no device interrupts core {}", subject.cpu));
 }
 
@@ -89,9 +86,8 @@ Finding check_irqbalance(const Subject& subject) {
     const std::size_t at = environment.find(kKey);
     const std::string banned = at == std::string::npos ? "" : environment.c_str() + at + kKey.size();
     notes.add(path, banned.empty() ? "no IRQBALANCE_BANNED_CPULIST seen" : fmt::format("{}{}", kKey, banned));
-    if (contains(parse_cpu_list(banned), subject.cpu)) {
+    if (contains(parse_cpu_list(banned), subject.cpu))
       return notes.say(State::ok, fmt::format("irqbalance leaves core {} alone", subject.cpu));
-    }
     return notes.say(State::warn, fmt::format("irqbalance (pid {}) may move interrupts to the core", each.pid));
   }
   notes.add(kAllTasks, subject.tasks.is_whole() ? "no irqbalance" : subject.tasks.why_not_whole);
@@ -105,9 +101,8 @@ Finding check_tickless(const Subject& subject) {
   const bool counted = subject.measured && subject.measured->ticks_per_s;
   const double ticks_per_s = counted ? subject.measured->ticks_per_s.value_or(0) : 0;
   if (counted) notes.add("--measure", fmt::format("{:.1f} timer interrupts/s", ticks_per_s));
-  if (option.is_absent()) {
+  if (option.is_absent())
     return notes.say(State::warn, "the tick interrupts the core: this kernel was built without CONFIG_NO_HZ_FULL");
-  }
   if (!option.known()) return notes.unread(kTickless);
   if (!subject.isolated.is_tickless(subject.cpu)) return notes.say(State::warn, "the timer tick interrupts the core");
   if (counted && ticks_per_s > kTicksPerS) {
@@ -156,9 +151,8 @@ Finding check_rcu_callbacks(const Subject& subject) {
 
 Finding check_release_phase(const Subject& subject) {
   Notes notes(subject);
-  if (!subject.measured || subject.measured->phase_share.empty()) {
+  if (!subject.measured || subject.measured->phase_share.empty())
     return notes.say(State::unknown, "only a measurement tells: lithe doctor --measure 10");
-  }
   const std::vector<double>& share = subject.measured->phase_share;
   const auto bins = share.size();
   const auto at = static_cast<std::size_t>(kSpinePhaseUs / kMsUs * static_cast<double>(bins));

@@ -74,9 +74,8 @@ Finding check_periodic_work(const Subject& subject) {
 
 Finding check_core_interrupts(const Subject& subject) {
   Notes notes(subject);
-  if (!subject.measured || !subject.measured->core_interrupts_per_s) {
+  if (!subject.measured || !subject.measured->core_interrupts_per_s)
     return notes.say(State::unknown, "only a measurement tells: lithe doctor --measure 10");
-  }
   const double rate = *subject.measured->core_interrupts_per_s;
   notes.add("--measure", fmt::format("{:.1f} interrupts/s from other cores", rate));
   return notes.say(rate <= kCoreInterruptsPerS ? State::ok : State::warn,

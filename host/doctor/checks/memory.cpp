@@ -110,9 +110,8 @@ Finding check_memory_lock(const Subject& subject) {
   const std::string limit = lock_limit(subject.files.read(limits_path));
   notes.add(limits_path, limit.empty() ? "no 'Max locked memory'" : "Max locked memory " + limit);
   if (limit.empty()) return notes.unread(limits_path);
-  if (limit == "unlimited" || whole_number(limit).value_or(0) >= kEnoughToLockBytes) {
+  if (limit == "unlimited" || whole_number(limit).value_or(0) >= kEnoughToLockBytes)
     return notes.say(State::ok, "a Spine that is started here may lock its memory");
-  }
   return notes.say(State::fail, fmt::format("a Spine that is started here may lock {} bytes only", limit));
 }
 
@@ -135,9 +134,8 @@ Finding check_memory_scans(const Subject& subject) {
                                                  {same, "merges equal pages"},
                                                  {numa, "moves memory between nodes"},
                                                  {compaction, "compacts memory in advance"}};
-  for (const auto& [part, what] : parts) {
+  for (const auto& [part, what] : parts)
     if (part == State::warn) words += std::string(words.empty() ? "the kernel " : ", ") + what;
-  }
   return notes.say(state, words);
 }
 
@@ -210,9 +208,8 @@ Finding check_memory_limit(const Subject& subject) {
     }
     if (!line.starts_with("0::/")) continue;
     state = State::ok;
-    for (std::string group = line.substr(3); group.size() > 1; group.resize(group.rfind('/'))) {
+    for (std::string group = line.substr(3); group.size() > 1; group.resize(group.rfind('/')))
       state = worst({state, judge_group(notes, subject.files, "/sys/fs/cgroup" + group)});
-    }
     state = worst({state, judge_group(notes, subject.files, "/sys/fs/cgroup")});
   }
   if (state == State::unknown) return notes.say(state, "it cannot be read whether the group's memory is limited");

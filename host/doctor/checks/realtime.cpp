@@ -49,9 +49,8 @@ Finding check_spine_pinned(const Subject& subject) {
     return notes.say(State::fail, fmt::format("{} Spines are pinned to core {}, and each delays the others: pids {}",
                                               pinned.size(), subject.cpu, fmt::join(pinned, ", ")));
   }
-  if (!pinned.empty() && subject.tasks.is_whole()) {
+  if (!pinned.empty() && subject.tasks.is_whole())
     return notes.say(State::ok, fmt::format("a thread of the running Spine is pinned to core {}", subject.cpu));
-  }
   notes.add(kAllTasks, subject.tasks.is_whole() ? fmt::format("{} threads", subject.tasks.all.size())
                                                 : subject.tasks.why_not_whole);
   if (!subject.tasks.is_whole()) return notes.say(State::unknown, subject.tasks.why_not_whole);

@@ -159,9 +159,8 @@ Finding check_isolated_partition(const Subject& subject) {
     all_read = all_read && each.kind.known() && each.wanted.known();
     if (each.kind.value.empty()) continue;
     notes.add(each.kind.path, each.kind.value);
-    if (each.is_invalid() && contains(parse_cpu_list(each.wanted.value), subject.cpu)) {
+    if (each.is_invalid() && contains(parse_cpu_list(each.wanted.value), subject.cpu))
       return notes.say(State::fail, fmt::format("the partition is not in force: {}", each.kind.value));
-    }
     if (each.is_isolated() && contains(each.cpus, subject.cpu)) good = &each;
   }
   const std::optional<bool> v1 = is_v1(notes);
@@ -212,9 +211,8 @@ Finding check_bound_kernel_threads(const Subject& subject) {
   std::size_t bound = 0;
   for (const Task& each : subject.tasks.all) bound += each.is_bound && each.may_run_on(subject.cpu) ? 1 : 0;
   notes.add(kAllTasks, fmt::format("{} kernel threads are bound to core {}", bound, subject.cpu));
-  if (!subject.measured) {
+  if (!subject.measured)
     return notes.say(State::unknown, "how often they run is not in a file: lithe doctor --measure 10 counts it");
-  }
   const double rate = subject.measured->switches_per_s;
   notes.add("--measure", fmt::format("{:.1f} involuntary switches/s", rate));
   return notes.say(rate <= kBoundSwitchesPerS ? State::ok : State::warn,

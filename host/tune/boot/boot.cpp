@@ -38,15 +38,12 @@ std::vector<int> ascending(std::vector<int> cores) {
 Result<> check_cores(const BootCores& cores) {
   if (cores.isolated.empty()) return Error{"no core to isolate: a machine with one core keeps it for everything"};
   if (cores.housekeeping < 0) return Error{"no housekeeping core: the kernel needs one that is not isolated"};
-  for (const int core : cores.isolated) {
+  for (const int core : cores.isolated)
     if (core < 0) return Error{fmt::format("{} is no core", core)};
-  }
-  if (contains(cores.isolated, cores.housekeeping)) {
+  if (contains(cores.isolated, cores.housekeeping))
     return Error{fmt::format("core {} cannot be isolated: it is the one for everything else", cores.housekeeping)};
-  }
-  for (const int core : cores.tickless) {
+  for (const int core : cores.tickless)
     if (!contains(cores.isolated, core)) return Error{fmt::format("core {} is to be tickless, but not isolated", core)};
-  }
   return done();
 }
 
@@ -54,9 +51,8 @@ Result<> check_cores(const BootCores& cores) {
 // boot.
 Result<std::string> read_boot(const HostFiles& files, const std::string& path) {
   std::error_code ignored;
-  if (fs::is_symlink(files.root() + path, ignored)) {
+  if (fs::is_symlink(files.root() + path, ignored))
     return Error{fmt::format("{} is a symbolic link: nothing is written. Replace it by the file it means", path)};
-  }
   Result<std::string> text = read_regular_file(files.root() + path, kMostBootBytes);
   if (text) return text;
   const bool denied = files.read(path).error == EACCES;
@@ -74,9 +70,8 @@ Result<> check_writable(const HostFiles& files, const std::string& path) {
 
 Result<Edit> edit_grub_files(const HostFiles& files, const std::string& path, const std::vector<Flag>& wanted) {
   std::vector<std::string> paths = {path};
-  for (const std::string& name : files.list(kGrubFolder)) {
+  for (const std::string& name : files.list(kGrubFolder))
     if (name.ends_with(".cfg")) paths.push_back(fmt::format("{}/{}", kGrubFolder, name));
-  }
   std::vector<GrubFile> texts;
   for (const std::string& each : paths) {
     const Result<std::string> text = read_boot(files, each);
@@ -98,12 +93,10 @@ Result<Edit> edit_boot_file(const HostFiles& files, const BootFile& boot, const 
 // Why a boot file does not count; empty: it does.
 std::string why_not(const HostFiles& files, const BootFile& boot) {
   if (!is_there(files, boot.path)) return "not there";
-  if (!boot.needs.empty() && !is_there(files, boot.needs)) {
+  if (!boot.needs.empty() && !is_there(files, boot.needs))
     return fmt::format("there, but {} is not: another system's", boot.needs);
-  }
-  if (!boot.without.empty() && is_there(files, boot.without)) {
+  if (!boot.without.empty() && is_there(files, boot.without))
     return fmt::format("there, but {} is, too: which of them boots is not known", boot.without);
-  }
   return "";
 }
 
@@ -130,9 +123,8 @@ Error no_board(const HostFiles& files, const std::vector<Board>& boards, const s
 
 Error no_boot_file(const HostFiles& files, const FoundBoard& found, const std::vector<Flag>& flags) {
   std::vector<std::string> reasons;
-  for (const BootFile& boot : found.board->boot) {
+  for (const BootFile& boot : found.board->boot)
     reasons.push_back(fmt::format("{} ({})", boot.path, why_not(files, boot)));
-  }
   return Error{fmt::format(
       "board {} ({}): no boot file that lithe can edit; looked for {}. If the boot partition is not mounted, "
       "mount it and plan again. {}",
@@ -184,9 +176,8 @@ Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
        .why = fmt::format("from boot on, the kernel keeps cores {} free for the robot", cpu_list(cores.isolated)),
        .reboot = true});
   plan.commands = boot->commands;
-  if (!files.root().empty() && !plan.commands.empty()) {
+  if (!files.root().empty() && !plan.commands.empty())
     plan.notes.push_back(fmt::format("run the commands within the image: `chroot {} COMMAND`", files.root()));
-  }
   return plan;
 }
 

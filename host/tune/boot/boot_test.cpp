@@ -70,11 +70,10 @@ class BootTest : public ::testing::Test {
     EXPECT_TRUE(again->changes.empty());
     EXPECT_TRUE(again->commands.empty());
 
-    if (change.was_absent) {
+    if (change.was_absent)
       std::filesystem::remove(root_.path() + path);
-    } else {
+    else
       root_.write(path, change.before);
-    }
     EXPECT_EQ(exists(path), was_there);
     EXPECT_EQ(bytes(path), original);
   }

@@ -53,9 +53,8 @@ std::string trimmed(std::string_view text) { return std::string(text.substr(0, t
 Result<ExtlinuxLine> only(const std::vector<ExtlinuxLine>& lines, const std::string& path, std::string_view word) {
   const auto is_it = [&](const ExtlinuxLine& line) { return line.word == word; };
   const auto found = std::find_if(lines.begin(), lines.end(), is_it);
-  if (found == lines.end()) {
+  if (found == lines.end())
     return refusal(place(path, lines.front().number), fmt::format("no line \"{} ...\" from here on", word));
-  }
   const auto again = std::find_if(found + 1, lines.end(), is_it);
   if (again == lines.end()) return *found;
   return refusal(place(path, again->number),

@@ -41,9 +41,8 @@ struct Parsed {
 bool keeps_old(std::string_view value) {
   if (value.find(fmt::format("${{{}}}", kVariable)) != std::string_view::npos) return true;
   const std::string plain = fmt::format("${}", kVariable);
-  for (std::size_t at = value.find(plain); at != std::string_view::npos; at = value.find(plain, at + 1)) {
+  for (std::size_t at = value.find(plain); at != std::string_view::npos; at = value.find(plain, at + 1))
     if (at + plain.size() == value.size() || !is_name(value[at + plain.size()])) return true;
-  }
   return false;
 }
 
@@ -137,11 +136,10 @@ void read_rest(std::string_view rest, bool is_value, ShellLine& line) {
     if (quote == 0 && c == '#' && word_starts) return;
     word_starts = quote == 0 && (is_blank(c) || c == ';' || c == '&' || c == '|' || c == '(');
     if (word_starts) collects = false;
-    if (toggles) {
+    if (toggles)
       quote = quote == 0 ? c : '\0';
-    } else if (collects) {
+    else if (collects)
       line.value += c;
-    }
   }
   if (quote != 0) line.is_whole = false;
 }
@@ -151,9 +149,7 @@ void read_rest(std::string_view rest, bool is_value, ShellLine& line) {
 ShellLine read_shell_line(std::string_view line) {
   ShellLine result;
   line.remove_prefix(std::min(line.find_first_not_of(" \t"), line.size()));
-  if (line.starts_with("export ")) {
-    line.remove_prefix(std::min(line.find_first_not_of(" \t", 7), line.size()));
-  }
+  if (line.starts_with("export ")) line.remove_prefix(std::min(line.find_first_not_of(" \t", 7), line.size()));
   const std::size_t equals = line.find('=');
   const bool assigns = equals != std::string_view::npos && equals > 0 &&
                        std::all_of(line.begin(), line.begin() + static_cast<std::ptrdiff_t>(equals), is_name);

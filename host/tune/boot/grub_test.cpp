@@ -70,9 +70,8 @@ Tree generated(Dice& dice) {
   const std::string other = "GRUB_CMDLINE_LINUX_DEFAULT=" + in_shell(dice, random_boot::joined(dice, second));
   const bool apart = tree.has_folder && dice.once_in(2);
   if (!apart) lines.push_back(other + (dice.once_in(3) ? " # why not" : ""));
-  for (std::size_t i = dice.below(5); i > 0; --i) {
+  for (std::size_t i = dice.below(5); i > 0; --i)
     lines.insert(lines.begin() + static_cast<std::ptrdiff_t>(dice.below(lines.size() + 1)), dice.of(kOtherLines));
-  }
   std::string text;
   for (const std::string& line : lines) text += line + "\n";
   if (dice.once_in(3) && !lines.back().empty()) text.pop_back();
@@ -86,11 +85,10 @@ Tree generated(Dice& dice) {
 Tree edited(Tree tree, const Edit& edit) {
   const auto file =
       std::find_if(tree.files.begin(), tree.files.end(), [&](const GrubFile& f) { return f.path >= edit.path; });
-  if (file != tree.files.end() && file->path == edit.path) {
+  if (file != tree.files.end() && file->path == edit.path)
     file->text = edit.after;
-  } else {
+  else
     tree.files.insert(file, {edit.path, edit.after});
-  }
   return tree;
 }
 
@@ -107,9 +105,8 @@ std::vector<std::array<std::string, 2>> run_scripts(const std::string& scripts) 
   EXPECT_EQ(std::system(("cd '" + root.path() + "' && sh scripts >values").c_str()), 0);
   std::vector<std::array<std::string, 2>> all(kFiles);
   std::ifstream values(root.path() + "/values");
-  for (auto& [linux_words, default_words] : all) {
+  for (auto& [linux_words, default_words] : all)
     EXPECT_TRUE(std::getline(values, linux_words) && std::getline(values, default_words));
-  }
   return all;
 }
 

@@ -38,9 +38,8 @@ std::vector<std::string> releases(const HostFiles& files) {
   const Reading running = files.read(kRelease);
   if (running.known() && !running.value.empty()) return {running.value};
   std::vector<std::string> found;
-  for (const std::string& name : files.list("/boot")) {
+  for (const std::string& name : files.list("/boot"))
     if (name.starts_with(kConfigPrefix)) found.push_back(name.substr(std::string_view(kConfigPrefix).size()));
-  }
   return found.empty() ? files.list("/lib/modules") : found;
 }
 
@@ -112,9 +111,8 @@ Kernel read_kernel(const HostFiles& files) {
     }
     kernel.configs.push_back(config ? *config : "");
   }
-  if (installed.empty()) {
+  if (installed.empty())
     kernel.not_known.push_back(advice("no /proc/sys/kernel/osrelease, no /boot/config-*, no folder in /lib/modules"));
-  }
   if (!kernel.not_known.empty()) kernel.configs.clear();
   return kernel;
 }
@@ -137,13 +135,11 @@ Result<KernelFlags> flags_for(const Kernel& kernel, const BootCores& cores) {
   result.flags.push_back({"isolcpus", isolated, true});
   std::vector<std::string> left_out;
   if (kernel.has("NO_HZ_FULL")) {
-    for (const Extra& extra : extras(kernel, cores)) {
-      if (kernel.has(extra.option)) {
+    for (const Extra& extra : extras(kernel, cores))
+      if (kernel.has(extra.option))
         result.flags.push_back(extra.flag);
-      } else {
+      else
         left_out.push_back(fmt::format("{} (CONFIG_{})", extra.flag.text(), extra.option));
-      }
-    }
   } else if (!kernel.configs.empty()) {
     result.notes.push_back(
         "the kernel is built without CONFIG_NO_HZ_FULL: the timer's tick stays on the isolated cores");

@@ -28,9 +28,8 @@ std::string flags(const FakeRoot& root) {
 std::string notes(const FakeRoot& root) {
   const Result<KernelFlags> made = flags_for(read_kernel(HostFiles(root.path())), kTwo);
   std::string all;
-  if (made) {
+  if (made)
     for (const std::string& note : made->notes) all += note + "\n";
-  }
   return all;
 }
 

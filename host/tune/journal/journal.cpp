@@ -92,11 +92,10 @@ std::string text_as_bytes(const std::string& text) {
   std::string bytes;
   for (std::size_t i = 0; i < text.size(); ++i) {
     const auto lead = static_cast<unsigned char>(text[i]);
-    if (lead < 0x80 || i + 1 == text.size()) {
+    if (lead < 0x80 || i + 1 == text.size())
       bytes += text[i];
-    } else {
+    else
       bytes += static_cast<char>((lead & 0x03U) << 6U | (static_cast<unsigned char>(text[++i]) & 0x3FU));
-    }
   }
   return bytes;
 }
@@ -144,13 +143,11 @@ Result<> Journal::load() {
   const Result<std::string> text = read_regular_file(path_, kMostJournalBytes);
   if (!text) return text.error();
   std::size_t at = 0;
-  for (std::size_t end = 0; (end = text->find('\n', at)) != std::string::npos; at = end + 1) {
+  for (std::size_t end = 0; (end = text->find('\n', at)) != std::string::npos; at = end + 1)
     take(text->substr(at, end - at));
-  }
   // The torn line goes away, or the next one would be glued to it.
-  if (at < text->size() && ::ftruncate(file_.get(), static_cast<off_t>(at)) != 0) {
+  if (at < text->size() && ::ftruncate(file_.get(), static_cast<off_t>(at)) != 0)
     return Error{fmt::format("cannot cut the unfinished last line of {}: {}", path_, std::strerror(errno))};
-  }
   return done();
 }
 
@@ -167,11 +164,10 @@ void Journal::take(const std::string& line) {
     const auto entry =
         std::find_if(entries_.begin(), entries_.end(), [&](const Entry& each) { return each.number == number; });
     if (entry == entries_.end()) return;
-    if (json.value("done", false)) {
+    if (json.value("done", false))
       entry->ours.push_back(text_as_bytes(json.at("after")));
-    } else if (json.contains("dropped") || entry->ours.size() == 1) {
+    else if (json.contains("dropped") || entry->ours.size() == 1)
       entries_.erase(entry);  // undone; or the only attempt failed
-    }
   } catch (const std::exception&) {
     ++unreadable_;
   }

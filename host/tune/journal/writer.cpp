@@ -72,9 +72,8 @@ Now Writer::now(const Change& change) const {
   }
   const Reading reading = HostFiles(root_).read(change.path);
   if (reading.is_absent()) return {.absent = true};
-  if (change.kind == ChangeKind::controller && reading.known()) {
+  if (change.kind == ChangeKind::controller && reading.known())
     return has_word(reading.value, change.after) ? Now{.value = change.after} : Now{.absent = true};
-  }
   return {.value = value_in_force(reading.value), .error = reading.error};
 }
 

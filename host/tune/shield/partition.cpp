@@ -68,9 +68,8 @@ std::vector<Entry> entries_of(const Journal& journal, bool tasks) {
 
 // Written down before the kernel forgets it.
 Result<> note_pinned(Journal& journal, const std::vector<Task>& pinned, const std::vector<int>& online) {
-  for (const Task& task : pinned) {
+  for (const Task& task : pinned)
     if (const auto number = journal.begin(of_task(task, task.cpus, online)); !number) return number.error();
-  }
   return done();
 }
 
@@ -90,9 +89,8 @@ Result<> pin_again(Journal& journal, const Writer& writer, const std::vector<Tas
 }
 
 std::string why_not_made(const HostFiles& files, const std::vector<Step>& steps) {
-  for (const Step& step : steps) {
+  for (const Step& step : steps)
     if (!step.well()) return step.change.path + ": " + step.why();
-  }
   return in_group("cpuset.cpus.partition") + " says " + partition_state(files);
 }
 
@@ -156,9 +154,8 @@ Result<std::vector<Step>> unmake_partition(Journal& journal, const Writer& write
   std::vector<Task> pinned;
   if (!entries.empty() && forgets_masks(HostFiles(writer.root()))) {
     std::vector<int> usual = online_cores(HostFiles(writer.root()));
-    for (const Entry& each : entries) {
+    for (const Entry& each : entries)
       if (each.change.path.ends_with("/cpuset.cpus")) usual = cores_without(usual, parse_cpu_list(each.change.after));
-    }
     pinned = pinned_tasks(usual, only);
   }
   auto steps = revert_entries(journal, writer, entries, true);

@@ -219,13 +219,11 @@ Result<> Shield::change_settings() {
   const Plan plan = runtime_plan(HostFiles(options_.root), options_.cores);
   const auto steps = apply(journal_, writer_, plan.changes);
   if (!steps) return steps.error();
-  for (const Step& step : *steps) {
-    if (step.well()) {
+  for (const Step& step : *steps)
+    if (step.well())
       ++facts_.settings;
-    } else {
+    else
       facts_.notes.push_back(fmt::format("{} stays {}: {}", step.change.path, step.change.before, step.why()));
-    }
-  }
   for (const NotDone& each : plan.not_done) facts_.notes.push_back(each.path + ": " + each.why);
   facts_.notes.insert(facts_.notes.end(), plan.notes.begin(), plan.notes.end());
   return done();

@@ -22,9 +22,8 @@ std::string mount_of(const HostFiles& files, const std::string& kind, const std:
     std::istringstream words(line);
     std::string device, folder, type, options;
     words >> device >> folder >> type >> options;
-    if (type == kind && (option.empty() || ("," + options + ",").find("," + option + ",") != std::string::npos)) {
+    if (type == kind && (option.empty() || ("," + options + ",").find("," + option + ",") != std::string::npos))
       return folder;
-    }
   }
   return "";
 }

@@ -39,9 +39,8 @@ Result<> Constants::watch(const char* name, const void* block, std::size_t bytes
 
 void Constants::forget(const void* block) {
   const std::lock_guard lock(mutex_);
-  for (Block& place : blocks_) {
+  for (Block& place : blocks_)
     if (place.from == block) place = {};
-  }
 }
 
 const char* Constants::look() {

@@ -113,9 +113,7 @@ TEST(Constants, ThreadsMayComeAndGoWhileTheyAreLookedAt) {
   std::thread looker([&] {
     while (!stop.load()) EXPECT_EQ(constants.look(), nullptr);
   });
-  for (int i = 0; i < 100; ++i) {
-    std::thread([&] { const Canary canary(constants, "a short life"); }).join();
-  }
+  for (int i = 0; i < 100; ++i) std::thread([&] { const Canary canary(constants, "a short life"); }).join();
   stop.store(true);
   looker.join();
   EXPECT_EQ(constants.damaged(), nullptr);

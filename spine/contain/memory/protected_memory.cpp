@@ -33,9 +33,8 @@ Result<std::unique_ptr<ProtectedMemory>> ProtectedMemory::make(std::size_t bytes
   }
   mlock(pages.data(), pages.size());  // without the right to lock it is at least resident now
 #if defined(__x86_64__)
-  if (key >= 0 && pkey_mprotect(pages.data(), pages.size(), PROT_READ | PROT_WRITE, key) != 0) {
+  if (key >= 0 && pkey_mprotect(pages.data(), pages.size(), PROT_READ | PROT_WRITE, key) != 0)
     return Error{std::string("the protected memory's pages take no protection key: ") + std::strerror(errno)};
-  }
 #endif
   return memory;
 }
@@ -65,9 +64,8 @@ Result<> ProtectedMemory::guard(void* block, std::size_t bytes) {
                  " blocks already: join some of them"};
   }
   Block guarded{from, static_cast<std::byte*>(allocate(bytes)), static_cast<std::byte*>(allocate(bytes)), bytes};
-  if (guarded.copy == nullptr || guarded.second == nullptr) {
+  if (guarded.copy == nullptr || guarded.second == nullptr)
     return Error{"the protected memory is too small for two copies of a block of " + std::to_string(bytes) + " bytes"};
-  }
   blocks_[blocks_used_++] = guarded;
   return done();
 }

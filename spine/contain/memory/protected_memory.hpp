@@ -63,9 +63,8 @@ class ProtectedMemory {
   }
   const void* check() LITHE_RT {
     const void* broken = nullptr;
-    for (std::size_t i = 0; i < blocks_used_; ++i) {
+    for (std::size_t i = 0; i < blocks_used_; ++i)
       if (const void* at = check(blocks_[i])) broken = at;
-    }
     return broken;
   }
 

@@ -41,9 +41,8 @@ class ProtectedMemoryTest : public testing::Test, public testing::WithParamInter
     return barrier;
   }
   bool is_whole() const {
-    for (std::size_t i = 0; i < critical->word.size(); ++i) {
+    for (std::size_t i = 0; i < critical->word.size(); ++i)
       if (critical->word[i] != i) return false;
-    }
     return true;
   }
   std::unique_ptr<ProtectedMemory> protected_memory;

@@ -82,9 +82,8 @@ TEST_F(WatchdogTest, ByTheWallClockACallWithWorkLeftIsBrokenOff) {
   FaultBarrier barrier = open_barrier();
   watch(guarded.dog, barrier);
   Away away{{0, 10 * kNsPerMs}, 10 * kNsPerMs};
-  for (int i = 0; i < 5; ++i) {
+  for (int i = 0; i < 5; ++i)
     EXPECT_EQ(barrier.run(deadline(), be_away_then_work, &away).kind, LawFaultKind::overran) << i;
-  }
 }
 
 // Held up with hardly any work left, as a law is that a hypervisor stopped half-way through its 100 ns.

@@ -107,11 +107,10 @@ ChildEnd run_forked(const std::function<int(int)>& body, const ChildLimits& limi
       drain(ends[0], Clock::now() + std::chrono::milliseconds(50), limits.output_bytes, end);
     }
     if (!ends_before(pid, deadline)) end.timed_out = true;
-    if (limits.whole_group) {
+    if (limits.whole_group)
       kill(-pid, SIGKILL);
-    } else if (end.timed_out) {
+    else if (end.timed_out)
       kill(pid, SIGKILL);
-    }
     reap(pid, limits.whole_group, end);
   }
   close(ends[0]);

@@ -80,9 +80,8 @@ std::vector<int> IsolatedCores::all() const { return both(boot, cpuset); }
 
 std::vector<int> MachineCores::usable() const {
   std::vector<int> cpus = affinity;
-  for (const int cpu : granted) {
+  for (const int cpu : granted)
     if (!contains(affinity, cpu) && isolated.how(cpu) != Isolation::none) cpus.push_back(cpu);
-  }
   std::sort(cpus.begin(), cpus.end());
   return cpus;
 }

@@ -42,9 +42,8 @@ class FakeKernel : public ::testing::Test {
 TEST(CpuList, IsReadAsTheKernelWritesIt) {
   EXPECT_EQ(parse_cpu_list("0,2-4,7\n"), (Cpus{0, 2, 3, 4, 7}));
   EXPECT_EQ(parse_cpu_list("3,1-2,2"), (Cpus{1, 2, 3}));
-  for (const char* none : {"", "\n", "(null)\n", "1-", "-1", "3-1", "1,,2", "1 2", "0x1", "99999999999", "0-9999"}) {
+  for (const char* none : {"", "\n", "(null)\n", "1-", "-1", "3-1", "1,,2", "1 2", "0x1", "99999999999", "0-9999"})
     EXPECT_EQ(parse_cpu_list(none), Cpus{}) << none;
-  }
   for (const char* same : {"0", "0-1", "1-3,5,8-9", ""}) EXPECT_EQ(cpu_list(parse_cpu_list(same)), same);
 }
 

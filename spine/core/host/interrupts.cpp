@@ -90,9 +90,8 @@ std::string interrupt_words(const Result<std::vector<Interrupt>>& found) {
   if (found->empty()) return "no device interrupt may land there";
   const std::size_t count = found->size(), named = std::min(count, kInterruptsNamed);
   std::string words = std::to_string(count) + " device interrupt" + (count == 1 ? "" : "s") + " may land there:";
-  for (std::size_t i = 0; i < named; ++i) {
+  for (std::size_t i = 0; i < named; ++i)
     words += (i == 0 ? " " : ", ") + std::to_string((*found)[i].number) + " " + (*found)[i].name;
-  }
   return words + (count > named ? " and " + std::to_string(count - named) + " more" : "");
 }
 

@@ -29,9 +29,8 @@ class Interrupts : public ::testing::Test {
     const auto found = interrupts_of(cpu, root_);
     if (!found) return "unknown: " + found.message().substr(root_.size());
     std::string text;
-    for (const Interrupt& each : *found) {
+    for (const Interrupt& each : *found)
       text += (text.empty() ? "" : ", ") + std::to_string(each.number) + " " + each.name;
-    }
     return text;
   }
 

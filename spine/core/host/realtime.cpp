@@ -21,9 +21,8 @@ std::vector<int> allowed_cpus(pid_t thread) {
   CPU_ZERO(&set);
   std::vector<int> cpus;
   if (sched_getaffinity(thread, sizeof set, &set) != 0) return {};
-  for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu) {
+  for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu)
     if (CPU_ISSET(cpu, &set)) cpus.push_back(cpu);
-  }
   return cpus;
 }
 

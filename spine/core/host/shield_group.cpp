@@ -38,9 +38,8 @@ std::string our_group(const std::string& root) {
 bool is_taken(const std::string& root) {
   const Result<std::string> tids = read_regular_file(root + kShieldGroup + "/cgroup.threads", kMostGroupBytes);
   std::istringstream lines(tids ? *tids : "");
-  for (std::string tid; lines >> tid;) {
+  for (std::string tid; lines >> tid;)
     if (::access((root + "/proc/self/task/" + tid).c_str(), F_OK) != 0) return true;
-  }
   return false;
 }
 
@@ -68,9 +67,8 @@ bool join_group_with(int cpu, const std::string& root) {
   const std::string tid = std::to_string(::gettid());
   if (!wanted) return write_word(root + kGroupsRoot + "/cgroup.threads", tid);
   // Threads of one process share a domain: all of them go to the root's, and this one on from there.
-  if (our_group(root) != "/" && !write_word(root + kGroupsRoot + "/cgroup.procs", std::to_string(::getpid()))) {
+  if (our_group(root) != "/" && !write_word(root + kGroupsRoot + "/cgroup.procs", std::to_string(::getpid())))
     return false;
-  }
   return write_word(root + kShieldGroup + "/cgroup.threads", tid);
 }
 

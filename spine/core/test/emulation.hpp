@@ -76,9 +76,8 @@ inline std::string why_code_stays_old() {
     __builtin___clear_cache(code, code + 8);
     return reinterpret_cast<std::uint32_t (*)()>(run.data())();
   };
-  if (answer(1) == 1 && answer(2) == 1 && is_emulated()) {
+  if (answer(1) == 1 && answer(2) == 1 && is_emulated())
     return "this qemu-user keeps running old code where new code was placed (before 8.1)";
-  }
 #endif
   return "";
 }

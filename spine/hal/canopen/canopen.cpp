@@ -59,9 +59,8 @@ bool parse_heartbeat(const Frame& frame, NmtState& state) LITHE_RT {
 }
 
 bool parse_emergency(const Frame& frame, Emergency& what) LITHE_RT {
-  if (!is_canopen(frame) || function_of(frame) != cob::kEmergency || node_of(frame) == 0 || frame.size != 8) {
+  if (!is_canopen(frame) || function_of(frame) != cob::kEmergency || node_of(frame) == 0 || frame.size != 8)
     return false;
-  }
   what.code = static_cast<std::uint16_t>(get(frame.data.data(), 2));
   what.error_register = frame.data[2];
   return true;

@@ -95,9 +95,8 @@ class CanopenScanner final : public Scanner {
     if (!is_canopen(frame)) return "";
     const std::uint32_t function = function_of(frame);
     NmtState state{};
-    if (node_of(frame) != 0 && function == cob::kHeartbeat && parse_heartbeat(frame, state)) {
+    if (node_of(frame) != 0 && function == cob::kHeartbeat && parse_heartbeat(frame, state))
       nodes_[node_of(frame)].heartbeat = state;
-    }
     if (frame.id == cob::kNmt) return "a network command (NMT)";
     if (frame.id == cob::kSync) return "SYNC";
     if (function == cob::kSdoRequest) return "an SDO request";

@@ -37,9 +37,8 @@ Frame frame_of(std::string_view line) {
   const auto digit = [](char c) { return static_cast<std::uint8_t>(c <= '9' ? c - '0' : c - 'a' + 10); };
   Frame frame;
   for (const char c : line.substr(0, 3)) frame.id = frame.id << 4 | digit(c);
-  for (std::size_t i = 4; i + 1 < line.size(); i += 2) {
+  for (std::size_t i = 4; i + 1 < line.size(); i += 2)
     frame.data[frame.size++] = static_cast<std::uint8_t>(digit(line[i]) << 4 | digit(line[i + 1]));
-  }
   return frame;
 }
 
@@ -114,9 +113,8 @@ TEST(Canopen, HeartbeatsAndEmergenciesAreReadAndNothingElseIs) {
   NmtState state = NmtState::stopped;
   EXPECT_TRUE(parse_heartbeat(frame_of("705#85"), state));  // with the toggle bit of node guarding
   EXPECT_EQ(state, NmtState::operational);
-  for (const char* wrong : {"705#03", "705#", "705#0505", "685#05"}) {
+  for (const char* wrong : {"705#03", "705#", "705#0505", "685#05"})
     EXPECT_FALSE(parse_heartbeat(frame_of(wrong), state)) << wrong;
-  }
   Frame extended = frame_of("705#05");
   extended.extended = true;
   EXPECT_FALSE(parse_heartbeat(extended, state));
@@ -295,9 +293,8 @@ TEST_F(SdoClientTest, NoBytesBreakIt) {
     client_.next(now_ns_, sent);
     now_ns_ += static_cast<std::int64_t>(random() % (20 * kMs));
     Frame frame = sdo_read_answer(1, {0x1008, 0}, 0, 4);
-    for (std::uint8_t& byte : frame.data) {
+    for (std::uint8_t& byte : frame.data)
       if (random() % 2 == 0) byte = static_cast<std::uint8_t>(random());
-    }
     if (random() % 8 == 0) frame.size = static_cast<std::uint8_t>(random());
     client_.on_frame(frame);
     ASSERT_LE(client_.data().size(), SdoClient::kLongest);

@@ -107,9 +107,8 @@ FrameText frame_text(const Frame& frame, const FrameContext& context) {
   if (function == cob::kHeartbeat) return {node == cob::kNode, node, heartbeat_text(frame)};
   if (function == cob::kSdoAnswer) return {false, node, sdo_text(frame, false, context)};
   if (function == cob::kSdoRequest) return {true, node, sdo_text(frame, true, context)};
-  if (function >= cob::kTpdo1 && function < cob::kSdoAnswer) {
+  if (function >= cob::kTpdo1 && function < cob::kSdoAnswer)
     return {(function & 0x80) == 0, node, pdo_text(frame, context)};
-  }
   return {false, node, bytes_text(frame)};
 }
 

@@ -28,9 +28,8 @@ void ObjectDictionary::add(std::uint16_t index, std::uint8_t subindex, std::uint
 }
 
 void ObjectDictionary::restore(bool all) LITHE_RT {
-  for (Object& object : objects_) {
+  for (Object& object : objects_)
     if (all || object.address.index < 0x2000) object.value = object.initial;
-  }
 }
 
 std::optional<ObjectDictionary::Slot> ObjectDictionary::find(Address address) const LITHE_RT {

@@ -33,14 +33,12 @@ constexpr std::uint32_t pdo_id(std::size_t number, std::uint32_t node) LITHE_RT 
 constexpr canopen::PdoMap pdo_map(std::size_t number, const Inputs& inputs) LITHE_RT {
   canopen::PdoMap map;
   if (number == 0) {
-    for (std::uint32_t first = 0; first < inputs.digital; first += 8) {
+    for (std::uint32_t first = 0; first < inputs.digital; first += 8)
       map.add({{object::kDigitalInputs, static_cast<std::uint8_t>(1 + first / 8)}, 1});
-    }
     return map;
   }
-  for (std::size_t i = (number - 1) * kAnalogPerPdo; i < number * kAnalogPerPdo && i < inputs.analog; ++i) {
+  for (std::size_t i = (number - 1) * kAnalogPerPdo; i < number * kAnalogPerPdo && i < inputs.analog; ++i)
     map.add({{object::kAnalogInputs, static_cast<std::uint8_t>(1 + i)}, 2});
-  }
   return map;
 }
 

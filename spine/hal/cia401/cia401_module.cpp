@@ -77,9 +77,8 @@ void Module::on_frame(const Frame& frame, std::int64_t now_ns) LITHE_RT {
     if (stage_ == Stage::setup && setup_.on_frame(frame)) judge_setup(now_ns);
     return;
   }
-  for (std::size_t i = 0; i < kPdos; ++i) {
+  for (std::size_t i = 0; i < kPdos; ++i)
     if (frame.id == pdo_id(i, params_.id)) return on_inputs(i, frame, now_ns);
-  }
   canopen::Emergency what;  // of which nothing follows: its inputs tell how old they are
   if (function != canopen::cob::kEmergency || !canopen::parse_emergency(frame, what)) ++malformed_;
 }
@@ -98,11 +97,10 @@ void Module::on_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   if (now_ns - since_ns_ < kResetNs) return;  // it may have sent this before it was started
   tell({NotReadyKind::not_operational, {}, static_cast<std::uint8_t>(state)});
   valid_.fill(false);
-  if (state == NmtState::stopped) {  // it answers no SDO
+  if (state == NmtState::stopped)  // it answers no SDO
     stage_ = Stage::reset;
-  } else {
+  else
     set_up_anew();
-  }
 }
 
 void Module::on_inputs(std::size_t number, const Frame& frame, std::int64_t now_ns) LITHE_RT {
@@ -115,11 +113,10 @@ void Module::on_inputs(std::size_t number, const Frame& frame, std::int64_t now_
   }
   for (std::size_t i = 0; i < map.objects().size(); ++i) {
     const std::size_t at = map.objects()[i].address.subindex - 1U;
-    if (number == 0) {
+    if (number == 0)
       digital_[at] = static_cast<std::uint8_t>(raw[i]);
-    } else {
+    else
       analog_[at] = static_cast<std::int16_t>(raw[i]);
-    }
   }
   taken_ns_[number] = now_ns;
   valid_[number] = true;

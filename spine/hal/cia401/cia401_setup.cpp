@@ -77,11 +77,10 @@ bool Setup::next(std::int64_t now_ns, Frame& frame) LITHE_RT {
   if (at_ >= count_) return false;
   const Step& step = steps_[at_];
   if (client_.outcome() == SdoClient::Outcome::idle) {
-    if (step.bytes > 0) {
+    if (step.bytes > 0)
       client_.write(step.address, step.value, step.bytes);
-    } else {
+    else
       client_.read(step.address);
-    }
   }
   return client_.next(now_ns, frame);
 }

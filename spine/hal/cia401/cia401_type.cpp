@@ -45,9 +45,8 @@ bool process_map(const robot::DeviceConfig& device, std::uint32_t id, canopen::P
 // For example "digital 0-7 00000101", with input 0 last; "analog 3 -120".
 std::string process_value(const canopen::Mapped& mapped, std::uint32_t raw) {
   const std::uint32_t first = mapped.address.subindex - 1U;
-  if (mapped.address.index == object::kAnalogInputs) {
+  if (mapped.address.index == object::kAnalogInputs)
     return "analog " + std::to_string(first) + " " + std::to_string(canopen::signed_of(raw, mapped.bytes));
-  }
   std::string bits;
   for (int bit = 7; bit >= 0; --bit) bits += (raw >> bit & 1) != 0 ? '1' : '0';
   return "digital " + std::to_string(8 * first) + "-" + std::to_string(8 * first + 7) + " " + bits;

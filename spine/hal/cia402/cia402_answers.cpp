@@ -153,9 +153,7 @@ void Cia402Drive::note_state(State state, bool follows) LITHE_RT {
   const bool let_go = enabled && followed_ && !follows;  // not every drive has this bit
   was_enabled_ = was_enabled_ || enabled;
   followed_ = enabled && follows;
-  if (left || let_go) {
-    drop({NotReadyKind::left_enabled, {object::kStatusword, 0}, static_cast<std::uint8_t>(state)});
-  }
+  if (left || let_go) drop({NotReadyKind::left_enabled, {object::kStatusword, 0}, static_cast<std::uint8_t>(state)});
 }
 
 void Cia402Drive::check_units(std::int64_t now_ns) LITHE_RT {

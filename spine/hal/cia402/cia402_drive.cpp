@@ -102,9 +102,8 @@ void Cia402Drive::find_way_out(const JointCommand& command, DriveAction action, 
 void Cia402Drive::watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT {
   if (action != DriveAction::torque) was_enabled_ = followed_ = false;
   if (action != DriveAction::torque || last_action_ != DriveAction::torque) enabling_from_ns_ = now_ns;
-  if (may_enable_ && !was_enabled_ && now_ns - enabling_from_ns_ > kEnableNs) {
+  if (may_enable_ && !was_enabled_ && now_ns - enabling_from_ns_ > kEnableNs)
     drop({NotReadyKind::not_enabled, {object::kStatusword, 0}, static_cast<std::uint8_t>(state_)});
-  }
 }
 
 // One step towards `running`, with one frame at most.

@@ -149,11 +149,10 @@ bool Setup::next(std::int64_t now_ns, SdoClient& client, Frame& frame) LITHE_RT 
     return true;
   }
   if (client.outcome() == SdoClient::Outcome::idle) {
-    if (step.bytes > 0) {
+    if (step.bytes > 0)
       client.write(step.address, step.kind == Kind::limit_torque ? torque_limit_ : step.value, step.bytes);
-    } else {
+    else
       client.read(step.address);
-    }
   }
   return client.next(now_ns, frame);
 }
@@ -199,9 +198,8 @@ bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
     case Kind::require_mode:
       return (value & supported_bit(mode_)) != 0 || refuse(NotReadyKind::mode_unsupported, step, value);
     case Kind::require_rating:
-      if (!(std::abs(value - rated_mnm_) <= kRatingTolerance * rated_mnm_)) {
+      if (!(std::abs(value - rated_mnm_) <= kRatingTolerance * rated_mnm_))
         return refuse(NotReadyKind::rated_torque, step, value);
-      }
       // Rounded down, but not from a number that is whole but for the last bits of a double.
       torque_limit_ = static_cast<std::uint32_t>(std::clamp(1000 * motor_max_mnm_ / value + 1e-6, 0.0, 65535.0));
       return true;

@@ -64,9 +64,9 @@ using NotReadyReason = canopen::NotReady<NotReadyKind>;
 // Contract: never in an exchange's thread
 std::string describe(const NotReadyReason& not_ready);
 
-// The process data of a drive in each mode. Its answer is 6041h, 6064h and 6077h, which fill a frame of 8 bytes. The velocity
-// is in a second frame: TPDO1, whose id has the higher priority. So the velocity of a SYNC is received before the answer
-// to the same SYNC, and the answer counts also when the velocity was lost.
+// The process data of a drive in each mode. Its answer is 6041h, 6064h and 6077h, which fill a frame of 8 bytes. The
+// velocity is in a second frame: TPDO1, whose id has the higher priority. So the velocity of a SYNC is received before
+// the answer to the same SYNC, and the answer counts also when the velocity was lost.
 namespace pdo {
 inline constexpr std::size_t kVelocity = 0;  // TPDO1
 inline constexpr std::size_t kAnswer = 1;    // TPDO2

@@ -32,9 +32,8 @@ TEST(Cia402, EveryStateIsToldByItsMaskWhateverTheOtherBitsAre) {
     EXPECT_EQ(state, expected) << std::hex << word;
   }
   State state = State::fault;
-  for (const std::uint16_t word : std::array<std::uint16_t, 5>{0x0001, 0x0003, 0x0005, 0x0048, 0x004f}) {
+  for (const std::uint16_t word : std::array<std::uint16_t, 5>{0x0001, 0x0003, 0x0005, 0x0048, 0x004f})
     EXPECT_FALSE(decode_state(word, state)) << std::hex << word;
-  }
   EXPECT_EQ(state, State::fault);
 }
 
@@ -52,9 +51,8 @@ TEST(Cia402, TheWayToEnabledIsThreeWordsAndNoneLeavesAFault) {
   EXPECT_EQ(control_to_enable(State::ready_to_switch_on), 0x07);
   EXPECT_EQ(control_to_enable(State::switched_on), 0x0f);
   EXPECT_EQ(control_to_enable(State::operation_enabled), 0x0f);
-  for (const State state : {State::not_ready, State::quick_stop_active, State::fault_reaction_active, State::fault}) {
+  for (const State state : {State::not_ready, State::quick_stop_active, State::fault_reaction_active, State::fault})
     EXPECT_EQ(control_to_enable(state), 0x00);
-  }
 }
 
 TEST(Cia402, CommandsFitOneFrameInEveryMode) {
@@ -77,9 +75,8 @@ TEST(Cia402, ANotReadyReasonSurvivesItsWordAndSaysWhatToDo) {
       describe(same),
       "object 6007h:02 is refused with abort 0x06020000 (no such object); the drive lacks what LITHE needs of it");
   EXPECT_EQ(describe({}), "");
-  for (std::uint8_t kind = 1; kind <= static_cast<std::uint8_t>(NotReadyKind::velocity_unit); ++kind) {
+  for (std::uint8_t kind = 1; kind <= static_cast<std::uint8_t>(NotReadyKind::velocity_unit); ++kind)
     EXPECT_FALSE(describe({static_cast<NotReadyKind>(kind), {}, 0}).empty());
-  }
 }
 
 bool is_request(const Frame& frame) { return canopen::function_of(frame) == canopen::cob::kSdoRequest; }
@@ -113,9 +110,8 @@ std::uint32_t written(const std::vector<Frame>& frames, std::uint16_t index, std
   std::uint32_t value = 0xdead;
   for (const Frame& frame : frames) {
     const bool write = is_request(frame) && (frame.data[0] & 0xe0) == 0x20;
-    if (write && canopen::sdo_address(frame) == canopen::Address{index, subindex}) {
+    if (write && canopen::sdo_address(frame) == canopen::Address{index, subindex})
       value = canopen::get(frame.data.data() + 4, canopen::sdo_expedited_bytes(frame.data[0]));
-    }
   }
   return value;
 }

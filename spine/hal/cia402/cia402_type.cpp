@@ -129,15 +129,14 @@ std::string state_words(std::uint32_t state, std::uint32_t error_class) {
 }
 
 bool process_map(const robot::DeviceConfig& device, std::uint32_t id, canopen::PdoMap& map) {
-  if (id == pdo::command_id(device.id)) {
+  if (id == pdo::command_id(device.id))
     map = pdo::command_map(device.keys.cia402.mode);
-  } else if (id == pdo::transmit_id(pdo::kAnswer, device.id)) {
+  else if (id == pdo::transmit_id(pdo::kAnswer, device.id))
     map = pdo::answer_map();
-  } else if (id == pdo::transmit_id(pdo::kVelocity, device.id)) {
+  else if (id == pdo::transmit_id(pdo::kVelocity, device.id))
     map = pdo::velocity_map();
-  } else {
+  else
     return false;
-  }
   return true;
 }
 

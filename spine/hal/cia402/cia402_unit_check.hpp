@@ -8,9 +8,9 @@
 
 namespace lithe::hal::cia402 {
 
-// Many drives report object 606Ch in turns per minute, or in another unit that they are configured with. Damping, velocity
-// limits and the safe law would then be wrong by that factor. So the velocities, summed over a window of a fifth of a
-// second, are compared with the change of the position in that window. Windows without motion are ignored.
+// Many drives report object 606Ch in turns per minute, or in another unit that they are configured with. Damping,
+// velocity limits and the safe law would then be wrong by that factor. So the velocities, summed over a window of a
+// fifth of a second, are compared with the change of the position in that window. Windows without motion are ignored.
 // Contract: RT · one thread · time is an argument
 class UnitCheck {
  public:
@@ -18,9 +18,11 @@ class UnitCheck {
   UnitCheck(double counts_per_rev, double period_s);
 
   void begin() LITHE_RT;  // forgets all samples
-  // A sample: counts, counts per second. False: in several windows in a row, velocity and position contradict each other.
+  // A sample: counts, counts per second. False: in several windows in a row, velocity and position contradict each
+  // other.
   bool agrees(std::int64_t now_ns, std::int32_t position, std::int32_t velocity) LITHE_RT;
-  // In the last window with motion: the summed velocity divided by the change of the position; 1 where the unit is right.
+  // In the last window with motion: the summed velocity divided by the change of the position; 1 where the unit is
+  // right.
   double ratio() const LITHE_RT { return ratio_; }
 
  private:

@@ -29,9 +29,8 @@ bool passes(double unit, double mean, double swing, std::int64_t start_counts = 
 }
 
 TEST(UnitCheck, CountsPerSecondPassHoweverTheJointMoves) {
-  for (const double mean : {0.0, 0.3, -3.0, 50.0}) {
+  for (const double mean : {0.0, 0.3, -3.0, 50.0})
     for (const double swing : {0.0, 0.2, 5.0}) EXPECT_TRUE(passes(1, mean, swing)) << mean << " " << swing;
-  }
   EXPECT_TRUE(passes(1.2, 3, 1)) << "a filter is no unit";
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tools for buses (scan, monitor) need of a kind of device: which devices are on a bus, and the text of a frame.
+// What the tools for buses (scan, monitor) need of a kind of device: which devices are on a bus, and the text of a
+// frame.
 #pragma once
 
 #include <cstdint>

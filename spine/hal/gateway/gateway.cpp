@@ -53,11 +53,10 @@ void Gateway::on_frame(const Frame& frame, std::int64_t now_ns) LITHE_RT {
     ahead_ns_ = last_ns_ = now_ns;
   }
   const std::int64_t taken_ns = sampled_ns(stamp, now_ns);
-  if (digital) {
+  if (digital)
     read_bits(frame, taken_ns);
-  } else {
+  else
     read_words(static_cast<Block>(block), frame, taken_ns);
-  }
 }
 
 // Sampling time on our clock: the clock offset is the smallest delay of any frame so far; the clocks drift slowly.
@@ -83,9 +82,8 @@ void Gateway::read_words(Block block, const Frame& frame, std::int64_t now_ns) L
 void Gateway::read_bits(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   auto& channels = channels_[static_cast<std::size_t>(Block::digital)];
   const std::uint32_t values = word_at(frame, kHeader), valid = word_at(frame, kHeader + 2);
-  for (std::size_t i = 0; i < kChannels; ++i) {
+  for (std::size_t i = 0; i < kChannels; ++i)
     channels[i] = {static_cast<double>(values >> i & 1), now_ns, (valid >> i & 1) != 0};
-  }
 }
 
 bool Gateway::read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT {

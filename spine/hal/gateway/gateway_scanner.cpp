@@ -27,9 +27,8 @@ class GatewayScanner final : public Scanner {
     std::vector<FoundDevice> all;
     for (const auto& [id, one] : observed_) {
       std::string blocks;
-      for (std::size_t i = 0; i < kBlocks; ++i) {
+      for (std::size_t i = 0; i < kBlocks; ++i)
         if ((one.blocks >> i & 1) != 0) blocks += fmt::format("{}{}", blocks.empty() ? "" : ", ", kBlockNames[i]);
-      }
       all.push_back(
           {.id = id,
            .what = fmt::format("{} frames heard: {}", one.frames, blocks.empty() ? "no known channels" : blocks)});

@@ -114,9 +114,8 @@ Expected expected_of(const DriverParams& params) {
   // An integer format ends at a scale of 1, the drive's configured gain.
   const double least = to_motor_gain(params.joint);
   if (params.command.kp_scale != Format::float32) expected.least_kp_nm_rev = least * params.kp_max_nm_rad;
-  if (params.command.kd_scale != Format::float32) {
+  if (params.command.kd_scale != Format::float32)
     expected.least_kd_nm_s_rev = least * std::max(params.kd_max_nm_s_rad, params.damp_kd_nm_s_rad);
-  }
   expected.damp_torque_max_nm = params.damp_torque_max_nm;
   if (std::isfinite(params.damp_torque_max_nm)) {
     const int length = std::snprintf(expected.damp_line.data(), expected.damp_line.size(),
@@ -174,9 +173,8 @@ bool MoteusDrive::encode(const JointCommand& command, std::uint32_t source, Fram
   const std::array<double, 1> mode{static_cast<double>(mode_for(action))};
   writer.write(Format::int8, reg::kMode, mode);
   if (action == DriveAction::torque) write_torque(with_damping(command, measured_rad_s), writer);
-  if (action == DriveAction::damp && params_.damp_kd_nm_s_rad > 0) {
+  if (action == DriveAction::damp && params_.damp_kd_nm_s_rad > 0)
     writer.write(params_.command.kd_scale, reg::kKdScale, std::array{kd_scale(params_.damp_kd_nm_s_rad)});
-  }
   ask(source, params_.answer, writer, frame);
   writer.pad();
   return sound && writer.ok();

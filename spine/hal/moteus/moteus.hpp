@@ -79,8 +79,8 @@ constexpr std::uint32_t source_of(const Frame& answer) LITHE_RT { return answer.
 
 // One command and one answer per exchange. Every frame is a complete command (writing the mode resets all that was
 // commanded before), carries its own watchdog and asks for the same answer, so that a lost frame has no further effect.
-// With DriverParams::ask_settings the drive's settings are read first (Setup): until then it answers, but is off and not
-// ready. The settings are read again when it is off and was silent for a while: it may have been replaced.
+// With DriverParams::ask_settings the drive's settings are read first (Setup): until then it answers, but is off and
+// not ready. The settings are read again when it is off and was silent for a while: it may have been replaced.
 // Contract: as hal::Drive; why_not_ready() any thread; encode, decode: pure
 class MoteusDrive final : public Drive {
  public:
@@ -93,9 +93,9 @@ class MoteusDrive final : public Drive {
 
   // The frame of one command. A value that is not finite is never sent: the joint is damped instead, and false is
   // returned. `source` is our own address (0 to 127). The drive answers to it, so a caller that changes it with every
-  // exchange can recognise a late answer: nothing else in an answer shows which command it belongs to. A position outside
-  // its format is treated like a non-finite value; other values are clipped to their formats. `measured_rad_s` is the
-  // joint's last measured velocity: at that velocity the added damping adds no torque.
+  // exchange can recognise a late answer: nothing else in an answer shows which command it belongs to. A position
+  // outside its format is treated like a non-finite value; other values are clipped to their formats. `measured_rad_s`
+  // is the joint's last measured velocity: at that velocity the added damping adds no torque.
   bool encode(const JointCommand& command, std::uint32_t source, Frame& frame, double measured_rad_s = 0) const
       LITHE_RT;
   // False: not a valid answer of this drive; `sample` is unchanged. The caller checks which command it answers

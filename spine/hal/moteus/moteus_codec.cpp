@@ -249,9 +249,8 @@ constexpr std::array<Quantity, kLow> table() {
   row(reg::kControlPosition, {position_rev, velocity_rev_s, torque_nm, position_rev, velocity_rev_s, torque_nm});
   row(reg::kLowerBound, {position_rev, position_rev, torque_nm, fraction, fraction, torque_nm, time_s, fraction});
   row(reg::kEncoder, {position_rev, velocity_rev_s, position_rev, velocity_rev_s, position_rev, velocity_rev_s});
-  for (const std::uint32_t port : {reg::kAux1Analog, reg::kAux2Analog, reg::kAuxPwm, reg::kAuxPwm + 5}) {
+  for (const std::uint32_t port : {reg::kAux1Analog, reg::kAux2Analog, reg::kAuxPwm, reg::kAuxPwm + 5})
     row(port, {fraction, fraction, fraction, fraction, fraction});
-  }
   of[reg::kPwmInput + 1] = of[reg::kPwmInput + 3] = fraction;
   return of;
 }

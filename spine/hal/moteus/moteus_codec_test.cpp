@@ -28,9 +28,8 @@ std::string hex(const Frame& frame) {
 
 std::vector<std::uint8_t> bytes(std::string_view text) {
   std::vector<std::uint8_t> out;
-  for (std::size_t i = 0; i + 1 < text.size(); i += 2) {
+  for (std::size_t i = 0; i + 1 < text.size(); i += 2)
     out.push_back(static_cast<std::uint8_t>(std::stoi(std::string(text.substr(i, 2)), nullptr, 16)));
-  }
   return out;
 }
 
@@ -277,9 +276,8 @@ TEST(MoteusValues, WhatIsNotFiniteIsTheSmallestInteger) {
   EXPECT_EQ(raw[1], 0x80);
   encode_value(kNan, Quantity::position_rev, Format::int32, raw.data());
   EXPECT_EQ(raw[3], 0x80);
-  for (const Format format : {Format::int8, Format::int16, Format::int32, Format::float32}) {
+  for (const Format format : {Format::int8, Format::int16, Format::int32, Format::float32})
     EXPECT_TRUE(std::isnan(round_trip(kNan, Quantity::velocity_rev_s, format)));
-  }
 }
 
 TEST(MoteusValues, EveryCommandRegisterHasItsQuantity) {
@@ -361,9 +359,8 @@ TEST(MoteusBytes, RandomSubframesRoundTrip) {
     const auto format = static_cast<Format>(random() & 3);
     const auto start = static_cast<std::uint32_t>(random() & 0x1ff);
     List list(random() % 8);
-    for (double& value : list) {
+    for (double& value : list)
       value = static_cast<std::int8_t>(random()) * count_worth(quantity_of(start), format) * 0.9;
-    }
     const bool reply = (random() & 1) != 0;
     reply ? writer.reply(format, start, list, (random() & 1) != 0) : writer.write(format, start, list);
     ASSERT_TRUE(writer.ok());

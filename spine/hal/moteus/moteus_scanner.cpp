@@ -11,8 +11,8 @@
 namespace lithe::hal::moteus {
 namespace {
 
-// The question is sent twice, so that one lost frame does not make a drive missing. Two drives may give equal answers: as
-// many of them count as came in both rounds, or one (an answer to the first question may come in the second round).
+// The question is sent twice, so that one lost frame does not make a drive missing. Two drives may give equal answers:
+// as many of them count as came in both rounds, or one (an answer to the first question may come in the second round).
 std::vector<Found> discover_twice(Terminal& terminal) {
   std::vector<Found> first = terminal.discover();
   std::vector<Found> again = terminal.discover();
@@ -21,10 +21,9 @@ std::vector<Found> discover_twice(Terminal& terminal) {
   std::vector<Found> all;
   std::set_intersection(first.begin(), first.end(), again.begin(), again.end(), std::back_inserter(all));
   for (const std::vector<Found>* round : {&first, &again}) {
-    for (const Found& one : *round) {
+    for (const Found& one : *round)
       if (!std::binary_search(all.begin(), all.end(), one))
         all.insert(std::upper_bound(all.begin(), all.end(), one), one);
-    }
   }
   return all;
 }

@@ -61,9 +61,8 @@ bool parse_identity(const Frame& said, Identity& identity) {
 
 std::string uuid_text(const std::array<std::uint8_t, 16>& uuid) {
   std::string text;
-  for (std::size_t i = 0; i < uuid.size(); ++i) {
+  for (std::size_t i = 0; i < uuid.size(); ++i)
     text += fmt::format("{}{:02x}", i == 4 || i == 6 || i == 8 || i == 10 ? "-" : "", uuid[i]);
-  }
   return text;
 }
 

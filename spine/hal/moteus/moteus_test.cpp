@@ -25,9 +25,8 @@ std::map<std::uint32_t, double> written(const Frame& frame) {
   std::map<std::uint32_t, double> registers;
   SubframeReader reader(frame.payload());
   Subframe s;
-  while (reader.next(s)) {
+  while (reader.next(s))
     for (std::uint32_t i = 0; s.kind == Kind::write && i < s.count; ++i) registers[s.start + i] = s.value(i);
-  }
   EXPECT_TRUE(reader.well_formed());
   return registers;
 }

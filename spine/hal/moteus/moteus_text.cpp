@@ -43,9 +43,8 @@ std::string name_of(std::uint32_t number) {
       {reg::kUuidMask, {"uuid mask 0", "uuid mask 1", "uuid mask 2", "uuid mask 3"}},
       {reg::kUuidMaskCapable, {"uuid mask capable"}},
   };
-  for (const Names& row : kNames) {
+  for (const Names& row : kNames)
     if (number - row.first < row.names.size()) return row.names.begin()[number - row.first];
-  }
   return fmt::format("register {:03x}h", number);
 }
 
@@ -83,9 +82,8 @@ std::string read_text(const Subframe& s) {
 
 std::string values_text(const Subframe& s) {
   std::string text;
-  for (std::uint32_t i = 0; i < s.count; ++i) {
+  for (std::uint32_t i = 0; i < s.count; ++i)
     text += fmt::format("{}{} {}", i == 0 ? "" : ", ", name_of(s.start + i), value_text(s, i));
-  }
   return text;
 }
 

@@ -78,9 +78,8 @@ void Chain::drive(std::span<const double> wanted_nm) LITHE_RT {
     joint.torque_nm += joint.lag_gain * (limited_nm - joint.torque_nm);
     if (std::abs(joint.torque_nm) < kNothing) joint.torque_nm = 0;
     joint.driving_nm = joint.torque_nm - joint.viscous_nm_s_rad * joint.velocity_rad_s;
-    if (joint.cogging_nm != 0) {
+    if (joint.cogging_nm != 0)
       joint.driving_nm -= joint.cogging_nm * std::sin(joint.cogging_per_rad * joint.position_rad + joint.phase_rad);
-    }
     joint.dry_nm = dry_friction_nm(joint.coulomb_nm, joint.stribeck_nm, joint.stribeck_rad_s, joint.velocity_rad_s);
     joint.locked = joint.velocity_rad_s == 0 && joint.dry_nm > 0;
     joint.friction_nm = joint.velocity_rad_s != 0 ? -std::copysign(joint.dry_nm, joint.velocity_rad_s) : 0;

@@ -147,9 +147,8 @@ TEST(ChainMujoco, AgreesInAcceleration) {
       ours.step(torque);
       double largest = 1;
       for (std::size_t i = 0; i < n; ++i) largest = std::max(largest, std::abs(theirs.data->qacc[i]));
-      for (std::size_t i = 0; i < n; ++i) {
+      for (std::size_t i = 0; i < n; ++i)
         EXPECT_NEAR((ours.velocity_rad_s(i) - before[i]) / kStepS, theirs.data->qacc[i], 1e-7 * largest) << n;
-      }
     }
   }
 }

@@ -58,9 +58,8 @@ std::vector<double> accelerations(const ChainParams& params, const std::vector<d
     }
     const double mass = params.links[body].mass_kg;
     for (std::size_t i = 0; i <= body; ++i) {
-      for (std::size_t k = 0; k <= body; ++k) {
+      for (std::size_t k = 0; k <= body; ++k)
         m[i][k] += mass * (x[i] * x[k] + y[i] * y[k]) + params.links[body].inertia_kg_m2;
-      }
       m[i][n] -= mass * (-y[i] * ax + x[i] * ay);
     }
   }
@@ -98,9 +97,8 @@ TEST(Chain, AcceleratesAsTheMassMatrixSaysForAnyLength) {
       const std::vector<double> expected = accelerations(params, q, v, torque);
       double largest = 1;
       for (const double each : expected) largest = std::max(largest, std::abs(each));
-      for (std::size_t i = 0; i < n; ++i) {
+      for (std::size_t i = 0; i < n; ++i)
         EXPECT_NEAR((chain.velocity_rad_s(i) - v[i]) / kStepS, expected[i], 1e-7 * largest) << n << " " << i;
-      }
     }
   }
 }

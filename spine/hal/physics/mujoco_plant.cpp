@@ -90,9 +90,8 @@ class MujocoPlant final : public Mechanism {
     parts_ = std::max<std::int64_t>(params.step_ns / Plant::kStepNs, 1);
     data_.reset(library_.make_data(model_.get()));
     if (!data_) return Error{params.model + ": no memory for its simulation"};
-    for (const MujocoJoint& joint : params.joints) {
+    for (const MujocoJoint& joint : params.joints)
       if (Result<> added = add(joint); !added) return Error{params.model + ": " + added.message()};
-    }
     place();
     if (const std::int64_t takes_ns = quickest_step_ns(clock); takes_ns > params.step_ns) {
       return Error{params.model + ": a step of " + std::to_string(params.step_ns / 1000) + " us takes " +

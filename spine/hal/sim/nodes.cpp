@@ -69,9 +69,8 @@ SimDevice make_device(const robot::RobotConfig& config, std::size_t index, const
   const JointTransform transform{joint.sign, joint.zero_rad, joint.ratio};
   const Truth truth = draw_truth(config, joint);
   PlantParams plant = plant_of(config, joint, truth);
-  if (moves && mechanism != nullptr) {
+  if (moves && mechanism != nullptr)
     plant.inertia_kg_m2 = mechanism->inertia_kg_m2(static_cast<std::size_t>(found - config.joints.begin()));
-  }
   const auto make = type_of(device.kind).make;
   if (make == nullptr) return {};
   return make({device, config.buses[device.bus], index, joint.sim.encoder_counts, transform, plant, truth.drive});
@@ -88,14 +87,11 @@ Result<Nodes> make_nodes(const robot::RobotConfig& config) {
     mechanism = std::move(*opened);
   }
   Nodes nodes;
-  for (std::size_t i = 0; i < config.devices.size(); ++i) {
+  for (std::size_t i = 0; i < config.devices.size(); ++i)
     nodes.devices.push_back(make_device(config, i, mechanism.get()));
-  }
   if (mechanism == nullptr) return nodes;
   nodes.coupling = std::make_unique<Coupling>(std::move(mechanism));
-  for (const robot::JointConfig& joint : config.joints) {
-    nodes.coupling->add(*nodes.devices[joint.device].drive);
-  }
+  for (const robot::JointConfig& joint : config.joints) nodes.coupling->add(*nodes.devices[joint.device].drive);
   return nodes;
 }
 

@@ -24,9 +24,8 @@ struct Nodes {
   // Contract: RT
   void to_start() LITHE_RT {
     if (coupling != nullptr) coupling->to_start();
-    for (const SimDevice& device : devices) {
+    for (const SimDevice& device : devices)
       if (device.node != nullptr) device.node->to_start();
-    }
   }
 
   // Attaches the devices of one bus.
@@ -34,9 +33,8 @@ struct Nodes {
   template <class AnyBus>
   void attach(const robot::RobotConfig& config, std::size_t bus, AnyBus& to) const {
     if (coupling != nullptr) to.attach(*coupling);
-    for (std::size_t i = 0; i < devices.size(); ++i) {
+    for (std::size_t i = 0; i < devices.size(); ++i)
       if (config.devices[i].bus == bus && devices[i].node != nullptr) to.attach(*devices[i].node);
-    }
   }
 };
 

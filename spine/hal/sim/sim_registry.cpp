@@ -58,9 +58,8 @@ static_assert(robot::in_order(kDevices));
 const SimDeviceType& type_of(robot::DeviceKind kind) { return kDevices[static_cast<std::size_t>(kind)]; }
 
 const SimBusType& type_of(robot::BusKind kind) {
-  for (const SimBusType& row : kBuses) {
+  for (const SimBusType& row : kBuses)
     if (row.kind == kind) return row;
-  }
   return kBuses[0];
 }
 

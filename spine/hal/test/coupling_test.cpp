@@ -111,9 +111,8 @@ TEST(Coupling, HowOftenItIsCalledChangesNothing) {
   for (Arm* arm : {&often, &seldom}) arm->servos[0]->apply(Mode::position, hold_at(0.1));
   for (std::int64_t now_ns = 0; now_ns <= 500 * kMs; now_ns += kMs / 4) often.coupling.advance(now_ns);
   for (std::int64_t now_ns = 0; now_ns <= 500 * kMs; now_ns += 10 * kMs) seldom.coupling.advance(now_ns);
-  for (std::size_t i = 0; i < 2; ++i) {
+  for (std::size_t i = 0; i < 2; ++i)
     EXPECT_EQ(often.coupling.mechanism().position_rad(i), seldom.coupling.mechanism().position_rad(i));
-  }
 }
 
 TEST(Coupling, AfterALongPauseItGoesOnAndWatchdogsHaveRun) {

@@ -126,9 +126,8 @@ struct Robot {
     cycle(400);
     command.action.fill(DriveAction::torque);
     cycle(100);
-    for (std::size_t i = 0; i < command.joints; ++i) {
+    for (std::size_t i = 0; i < command.joints; ++i)
       EXPECT_EQ(state.status[i] & 0xff & ~wire::joint_status::kNotHomed, wire::joint_status::kFresh) << i;
-    }
   }
   ActuatorCommand command;
   ActuatorState state;

@@ -120,9 +120,8 @@ INSTANTIATE_TEST_SUITE_P(
                             [](Cia402WayOut& line) {
                               line.cable().back = [](Frame& frame) {
                                 const canopen::Address at = canopen::sdo_address(frame);
-                                if (frame.id == 0x581 && at.index == 0x6007) {
+                                if (frame.id == 0x581 && at.index == 0x6007)
                                   frame = canopen::sdo_abort(0x581, at, canopen::abort_code::kState);
-                                }
                                 return true;
                               };
                               line.sim().inject(InjectedFault::power_loss, true, line.now_ns());

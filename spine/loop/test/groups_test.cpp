@@ -35,9 +35,8 @@ struct Both {
   struct Params {};
   struct State {};
   static void step(const Tick& t, const Params&, State&, Effort& u) {
-    for (std::uint32_t j = 0; j < t.joints; ++j) {
+    for (std::uint32_t j = 0; j < t.joints; ++j)
       u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
-    }
     u.torque_nm[kLeg] += 1e-3 * kLiftMilliNm;
   }
 };
@@ -87,9 +86,8 @@ class Groups : public testing::Test, protected TickBench {
         handover_.sample().status[kLeg] = (handover_.sample().status[kLeg] | leg_status) & ~without;
         handover_.finish();
       }
-      for (const std::size_t j : {kLeg, kArm}) {
+      for (const std::size_t j : {kLeg, kArm})
         EXPECT_LE(std::abs(sent_.torque_nm[j] - before.torque_nm[j]), kSlewPerTickNm + 1e-9) << "joint " << j;
-      }
     }
   }
   // A plan for the arm, and a sign of life.
@@ -110,9 +108,8 @@ class Groups : public testing::Test, protected TickBench {
     wire::Event event{};
     std::string text;
     events_.rewind();
-    while (events_.next(event)) {
+    while (events_.next(event))
       if (event.kind == static_cast<std::uint32_t>(kind)) text = event.text.data();
-    }
     return text;
   }
   wire::Rung rung(std::size_t j) const { return static_cast<wire::Rung>(record_.joint_rung[j]); }

@@ -29,9 +29,8 @@ class MemoryTest : public TickTest {
     std::vector<std::string> texts;
     ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events(memory_->events_tick);
     events.rewind();
-    for (wire::Event event; events.next(event);) {
+    for (wire::Event event; events.next(event);)
       if (static_cast<EventKind>(event.kind) == kind) texts.emplace_back(event.text.data());
-    }
     return texts;
   }
   std::uint64_t block_ = 0;

@@ -91,18 +91,16 @@ struct PdAll {
   };
   static void step(const Tick& t, const Params&, State& s, Effort& u) {
     s.steps += 1;
-    for (std::uint32_t j = 0; j < t.joints; ++j) {
+    for (std::uint32_t j = 0; j < t.joints; ++j)
       u.torque_nm[j] = 4.0 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
-    }
   }
 };
 struct WrongSign {  // unstable: pushes away from the setpoint, and adds to the speed
   struct Params {};
   struct State {};
   static void step(const Tick& t, const Params&, State&, Effort& u) {
-    for (std::uint32_t j = 0; j < t.joints; ++j) {
+    for (std::uint32_t j = 0; j < t.joints; ++j)
       u.torque_nm[j] = 4.0 * (t.position_rad[j] - t.setpoint_position_rad[j]) + 0.1 * t.velocity_rad_s[j];
-    }
   }
 };
 struct Shake {  // full torque, the other way in each tick

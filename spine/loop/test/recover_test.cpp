@@ -22,9 +22,8 @@ struct Rig : RecoverBench {
     events.rewind();
     std::string text;
     wire::Event event;
-    while (events.next(event)) {
+    while (events.next(event))
       if (event.kind == static_cast<std::uint32_t>(kind)) text = event.text.data();
-    }
     return text;
   }
   using TickBench::brain_memory_;

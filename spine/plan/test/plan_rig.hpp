@@ -84,9 +84,8 @@ struct Trace {
   double peak_acceleration() const {
     double peak = 0;
     const double step_s = step_ms * 1e-3;
-    for (std::size_t i = 2; i < position.size(); ++i) {
+    for (std::size_t i = 2; i < position.size(); ++i)
       peak = std::max(peak, std::abs(position[i] - 2 * position[i - 1] + position[i - 2]) / (step_s * step_s));
-    }
     return peak;
   }
   // Largest difference between the reported velocity and the slope of the reported position.

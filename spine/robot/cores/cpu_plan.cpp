@@ -52,9 +52,8 @@ std::vector<Named> named(const SpineConfig& wanted) {
 
 std::string why_not(int cpu, const MachineCores& cores) {
   if (!contains(cores.online, cpu)) return fmt::format("this machine has cores {}", cpu_list(cores.online));
-  if (!cores.granted.empty() && !contains(cores.granted, cpu)) {
+  if (!cores.granted.empty() && !contains(cores.granted, cpu))
     return fmt::format("the cpuset of this process has cores {}", cpu_list(cores.granted));
-  }
   return fmt::format("this process was started on cores {} (taskset?)", cpu_list(cores.affinity));
 }
 
@@ -133,9 +132,8 @@ std::vector<std::string> costs_of(const CpuPlan& plan, const SpineConfig& wanted
             : fmt::format("this machine has {} core{}", here, here == 1 ? "" : "s");
     costs.push_back(fmt::format("{}, the full layout uses 4: threads share cores (docs/rt.md)", have));
   }
-  if (plan.spine_shares) {
+  if (plan.spine_shares)
     costs.push_back(fmt::format("the Spine shares core {}: it sleeps between ticks instead of spinning", plan.spine));
-  }
   if (plan.transport_inline) {
     costs.push_back(wanted.transport == TransportPlace::inlined
                         ? "the tick thread serves the buses itself, as the robot file asks"
@@ -149,9 +147,8 @@ std::string isolation_words(const IsolatedCores& isolated, int cpu) {
   const Isolation how = isolated.how(cpu);
   if (how == Isolation::boot) words = "isolated at boot (isolcpus)";
   if (how == Isolation::cpuset) words = "isolated by its cpuset (a partition of cgroup v2)";
-  if (how == Isolation::none && !isolated.all().empty()) {
+  if (how == Isolation::none && !isolated.all().empty())
     words += fmt::format("; isolated are {}: spine.cpu_spine can name one", cpu_list(isolated.all()));
-  }
   return words + (isolated.is_tickless(cpu) ? ", no timer tick (nohz_full)" : "");
 }
 

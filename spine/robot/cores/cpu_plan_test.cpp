@@ -12,9 +12,8 @@ MachineCores machine(const Cpus& cpus, const Cpus& isolated = {}) {
   MachineCores cores;
   cores.online = cores.granted = cpus;
   cores.isolated.boot = isolated;
-  for (const int cpu : cpus) {
+  for (const int cpu : cpus)
     if (cores.isolated.how(cpu) == Isolation::none) cores.affinity.push_back(cpu);
-  }
   return cores;
 }
 
@@ -35,9 +34,8 @@ std::string refusal(const RobotConfig& robot, const MachineCores& cores) {
 }
 
 bool mentions(const std::vector<std::string>& sentences, const std::string& words) {
-  for (const std::string& sentence : sentences) {
+  for (const std::string& sentence : sentences)
     if (sentence.find(words) != std::string::npos) return true;
-  }
   return false;
 }
 

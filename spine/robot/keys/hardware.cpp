@@ -33,9 +33,8 @@ std::string hardware_of(const BusConfig& bus) {
 // The longest exchange: all buses wait until the last answer has come.
 double longest_wait_s(const RobotConfig& robot) {
   double longest_s = 0;
-  for (const BusConfig& bus : robot.buses) {
+  for (const BusConfig& bus : robot.buses)
     if (is_real(bus)) longest_s = std::max(longest_s, bus.reply_wait_s);
-  }
   return longest_s;
 }
 
@@ -79,9 +78,8 @@ void check_neighbours(Reader& in, const RobotConfig& robot, bool has_id) {
   for (std::size_t i = 0; i + 1 < robot.devices.size(); ++i) {
     const DeviceConfig& other = robot.devices[i];
     if (other.bus != device.bus) continue;
-    if (has_id && other.id == device.id) {
+    if (has_id && other.id == device.id)
       in.complain("id", fmt::format("{} is already taken on this bus by \"{}\"", device.id, other.name));
-    }
     if (!go_together(other.kind, device.kind)) {
       in.complain("bus", fmt::format("\"{}\" on it is a {}, this is a {}: their frames carry the same ids; give them "
                                      "a bus each",
@@ -122,12 +120,10 @@ void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& devi
                                    "data_bitrate, if its adapter can, or use another bus",
                                    bus.name, kind.noun));
   }
-  if (kind.needs_classic && !carries_classic(bus)) {
+  if (kind.needs_classic && !carries_classic(bus))
     in.complain("bus", fmt::format("\"{}\" {}", bus.name, facts(bus.kind).no_classic));
-  }
-  if (!kind.on_bus && is_real(bus) && !facts(bus.kind).is_board) {
+  if (!kind.on_bus && is_real(bus) && !facts(bus.kind).is_board)
     in.complain("bus", fmt::format("\"{}\" is of a kind that has no imu; name a bus of the pi3hat", bus.name));
-  }
 }
 
 void check_joint(Reader& in, const RobotConfig& robot, const JointConfig& joint, const DeviceConfig& device) {
@@ -168,9 +164,8 @@ void check_sensor(Reader& in, const RobotConfig& robot) {
   }
   for (std::size_t i = 0; i + 1 < robot.sensors.size(); ++i) {
     const SensorConfig& other = robot.sensors[i];
-    if (other.device == sensor.device && other.kind == sensor.kind && other.channel == sensor.channel) {
+    if (other.device == sensor.device && other.kind == sensor.kind && other.channel == sensor.channel)
       in.complain("channel", fmt::format("{} is \"{}\" already", sensor.channel, other.name));
-    }
   }
 }
 

@@ -40,9 +40,8 @@ const std::string kMixed = kTop + kFd + kClassic + device("m", "moteus", "fd", 1
 void expect_refused(const std::string& text, const std::vector<std::string>& phrases) {
   const Result<RobotConfig> robot = parse_robot(text, "r.toml");
   ASSERT_FALSE(robot) << "accepted, but should say: " << phrases.front();
-  for (const std::string& phrase : phrases) {
+  for (const std::string& phrase : phrases)
     EXPECT_NE(robot.message().find(phrase), std::string::npos) << robot.message() << "\nlacks: " << phrase;
-  }
 }
 
 TEST(Hardware, ARobotMixesBusesDevicesAndSensors) {

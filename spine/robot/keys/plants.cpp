@@ -20,9 +20,8 @@ void read_link(Reader& in, PlantConfig& sim) {
   in.number("center_m", sim.center_m, {-100.0, 100.0});
   in.number("link_inertia_kg_m2", sim.link_inertia_kg_m2, {0.0, 1.0e4});
   in.number("rotor_inertia_kg_m2", sim.rotor_inertia_kg_m2, {0.0, 1.0e4});
-  for (const std::string_view key : {"inertia_kg_m2", "mgl_nm"}) {
+  for (const std::string_view key : {"inertia_kg_m2", "mgl_nm"})
     in.refuse(key, "in a chain the links make it: mass_kg, center_m, link_inertia_kg_m2, rotor_inertia_kg_m2");
-  }
 }
 
 void read_drive_errors(Reader& in, PlantConfig& sim) {
@@ -36,9 +35,8 @@ void read_drive_errors(Reader& in, PlantConfig& sim) {
 }
 
 void refuse_link(Reader& in, std::string_view why) {
-  for (const std::string_view key : {"length_m", "mass_kg", "center_m", "link_inertia_kg_m2", "rotor_inertia_kg_m2"}) {
+  for (const std::string_view key : {"length_m", "mass_kg", "center_m", "link_inertia_kg_m2", "rotor_inertia_kg_m2"})
     in.refuse(key, why);
-  }
 }
 
 }  // namespace
@@ -112,9 +110,8 @@ void settle_link(Reader& joint, PlantConfig& sim) {
   if (std::isnan(sim.center_m)) sim.center_m = sim.length_m / 2;
   if (std::isnan(sim.link_inertia_kg_m2)) sim.link_inertia_kg_m2 = sim.mass_kg * sim.length_m * sim.length_m / 12;
   const double about_joint = sim.link_inertia_kg_m2 + sim.mass_kg * sim.center_m * sim.center_m;
-  if (about_joint + sim.rotor_inertia_kg_m2 < kLeastInertia) {
+  if (about_joint + sim.rotor_inertia_kg_m2 < kLeastInertia)
     joint.complain("sim", "the link has no inertia; give it some mass off its joint, or rotor_inertia_kg_m2");
-  }
 }
 
 }  // namespace lithe::robot

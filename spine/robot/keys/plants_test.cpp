@@ -29,9 +29,8 @@ std::string joint(int number, const std::string& sim = "") {
 void expect_refused(const std::string& text, const std::vector<std::string>& phrases) {
   const Result<RobotConfig> robot = parse_robot(kTop + text, "/robots/r.toml");
   ASSERT_FALSE(robot) << "accepted, but should say: " << phrases.front();
-  for (const std::string& phrase : phrases) {
+  for (const std::string& phrase : phrases)
     EXPECT_NE(robot.message().find(phrase), std::string::npos) << robot.message() << "\nlacks: " << phrase;
-  }
 }
 
 RobotConfig accepted(const std::string& text) {

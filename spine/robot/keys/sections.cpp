@@ -95,9 +95,8 @@ void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
   bus.data_bitrate = kind.data_bitrate;
   in.integer("bitrate", bus.bitrate, {kLeastBitrate, kMostBitrate});
   in.integer("data_bitrate", bus.data_bitrate, {0, kMostDataBitrate});
-  if (is_fd(bus) && bus.data_bitrate < bus.bitrate) {
+  if (is_fd(bus) && bus.data_bitrate < bus.bitrate)
     in.complain("data_bitrate", "is slower than bitrate; 0 means classic CAN only");
-  }
   if (is_serial(bus)) read_serial(in, bus);
   if (kind.place == PlaceKey::interface) in.text("interface", bus.interface, Need::required);
   if (kind.place == PlaceKey::connector) in.integer("connector", bus.connector, {1, 5}, Need::required);
@@ -117,9 +116,8 @@ void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string
   in.integer("rate_divider", device.rate_divider, {1, 1000});
   const DeviceFacts& kind = facts(device.kind);
   if (!kind.asked) {
-    if (device.rate_divider != inherited) {
+    if (device.rate_divider != inherited)
       in.complain("rate_divider", std::string(kind.noun) + " is not asked; leave it out");
-    }
     device.rate_divider = 1;
   }
   if (kind.read != nullptr) kind.read(in, device.keys, device.watchdog_s, need);

@@ -43,9 +43,8 @@ void fill_in(const RobotConfig& robot, JointConfig& joint) {
         simulated
             ? kMargin * (joint.sim.inertia_kg_m2 + joint.sim.payload_kg * joint.sim.payload_m * joint.sim.payload_m)
             : assumed;
-    if (std::isnan(joint.inertia_min_kg_m2)) {
+    if (std::isnan(joint.inertia_min_kg_m2))
       joint.inertia_min_kg_m2 = simulated ? joint.sim.inertia_kg_m2 / kMargin : assumed / 4;
-    }
   }
   if (std::isnan(joint.inertia_min_kg_m2)) joint.inertia_min_kg_m2 = joint.inertia_max_kg_m2;
 }

@@ -57,9 +57,8 @@ const toml::node* Reader::find(std::string_view key, Need need) {
   known_.push_back(key);
   const toml::node* node = table_.get(key);
   const bool by_default = defaults_ != nullptr && defaults_->get(key) != nullptr;
-  if (node == nullptr && need == Need::required && !by_default) {
+  if (node == nullptr && need == Need::required && !by_default)
     report_.add(place_of(table_), fmt::format("{} is missing; add `{} = ...` here", name(key), key));
-  }
   return node;
 }
 
@@ -85,9 +84,8 @@ void Reader::read_integer(std::string_view key, std::int64_t& out, Range range, 
   if (!node->is_integer()) return wrong_type(key, *node, wanted);
   const std::int64_t value = node->value<std::int64_t>().value_or(0);
   const auto as_double = static_cast<double>(value);
-  if (as_double < range.min || as_double > range.max) {
+  if (as_double < range.min || as_double > range.max)
     return complain(key, fmt::format("{} will not do; give {}", value, wanted));
-  }
   out = value;
 }
 
@@ -188,9 +186,8 @@ std::vector<const toml::table*> Reader::tables(std::string_view key, Need need) 
   std::vector<const toml::table*> found;
   const toml::node* node = find(key, Need::optional);
   if (node == nullptr) {
-    if (need == Need::required) {
+    if (need == Need::required)
       report_.add(place_of(table_), fmt::format("there is no [[{}]]; a robot needs at least one", key));
-    }
     return found;
   }
   const std::string wanted = fmt::format("a list of tables: write [[{}]] before each, with two brackets", key);
@@ -200,13 +197,11 @@ std::vector<const toml::table*> Reader::tables(std::string_view key, Need need) 
     return found;
   }
   if (array->empty()) complain(key, fmt::format("is empty; a robot needs at least one [[{}]]", key));
-  for (const toml::node& element : *array) {
-    if (element.is_table()) {
+  for (const toml::node& element : *array)
+    if (element.is_table())
       found.push_back(element.as_table());
-    } else {
+    else
       report_.add(place_of(element), fmt::format("{}: this is {}; give {}", name(key), type_name(element), wanted));
-    }
-  }
   return found;
 }
 

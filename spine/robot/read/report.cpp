@@ -20,9 +20,8 @@ std::size_t distance(std::string_view a, std::string_view b) {
     for (std::size_t j = 1; j <= b.size(); ++j) {
       const std::size_t replaced = cost[i - 1][j - 1] + (a[i - 1] == b[j - 1] ? 0 : 1);
       cost[i][j] = std::min({cost[i - 1][j] + 1, cost[i][j - 1] + 1, replaced});
-      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1]) {
+      if (i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1])
         cost[i][j] = std::min(cost[i][j], cost[i - 2][j - 2] + 1);
-      }
     }
   }
   return cost[a.size()][b.size()];
@@ -48,9 +47,8 @@ std::string_view nearest(std::string_view word, const std::vector<std::string_vi
 
 std::string suggestion(std::string_view word, const std::vector<std::string_view>& candidates) {
   if (candidates.empty()) return {};
-  if (const std::string_view best = nearest(word, candidates); !best.empty()) {
+  if (const std::string_view best = nearest(word, candidates); !best.empty())
     return "; did you mean '" + std::string(best) + "'?";
-  }
   std::string text = "; one of: ";
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     if (i > 0) text += ", ";
@@ -73,9 +71,8 @@ Error Report::error() const {
     text += path_ + ':' + std::to_string(mistakes_[i].place.line) + ':' + std::to_string(mistakes_[i].place.column) +
             ": " + mistakes_[i].what;
   }
-  if (mistakes_.size() > kMostShown) {
+  if (mistakes_.size() > kMostShown)
     text += "\n(and " + std::to_string(mistakes_.size() - kMostShown) + " more; correct these first)";
-  }
   return Error{text};
 }
 

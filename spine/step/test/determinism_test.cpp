@@ -51,12 +51,10 @@ class Runs {
       change(given);
       ReplayHost host(given);
       replay_.run(given, host);
-      if (const std::string what = b_.stepper().differs_from(a_.stepper()); !what.empty()) {
+      if (const std::string what = b_.stepper().differs_from(a_.stepper()); !what.empty())
         return "run B, tick " + std::to_string(tick) + ": " + what;
-      }
-      if (const std::string what = replay_.differs_from(a_.stepper()); !what.empty()) {
+      if (const std::string what = replay_.differs_from(a_.stepper()); !what.empty())
         return "replay, tick " + std::to_string(tick) + ": " + what;
-      }
     }
     return "";
   }

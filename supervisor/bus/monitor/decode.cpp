@@ -25,9 +25,8 @@ std::string process_text(const hal::DeviceType& type, const canopen::PdoMap& map
   std::array<std::uint32_t, canopen::PdoMap::kMost> values{};
   if (!map.unpack(frame, values)) return "shorter than it is mapped: " + hal::bytes_text(frame);
   std::string text;
-  for (std::size_t i = 0; i < map.objects().size(); ++i) {
+  for (std::size_t i = 0; i < map.objects().size(); ++i)
     text += (text.empty() ? "" : ", ") + type.process_value(map.objects()[i], values[i]);
-  }
   return text;
 }
 

@@ -9,8 +9,8 @@
 
 namespace lithe::bus {
 
-// Decoded by the protocol of the bus; frames of a kind of its own (a gateway) are recognised on every bus. Process data is
-// decoded by LITHE's own PDO mapping; for a node that is not in the file it is shown as bytes.
+// Decoded by the protocol of the bus; frames of a kind of its own (a gateway) are recognised on every bus. Process
+// data is decoded by LITHE's own PDO mapping; for a node that is not in the file it is shown as bytes.
 // Contract: any frame is safe
 hal::FrameText decode(const hal::Frame& frame, robot::Protocol protocol, const robot::RobotConfig& robot,
                       std::size_t bus);

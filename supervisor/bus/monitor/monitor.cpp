@@ -70,9 +70,8 @@ std::uint64_t BusListener::lost() const {
 }
 
 std::uint64_t BusListener::errors(std::size_t bus) const {
-  for (const ListenedBus& each : buses_) {
+  for (const ListenedBus& each : buses_)
     if (each.number == bus) return each.bus->statistics().errors + each.bus->statistics().malformed;
-  }
   return 0;
 }
 
@@ -95,9 +94,8 @@ std::string Monitor::complaint() const {
 
 std::string Monitor::name_of(std::size_t bus, std::optional<std::uint32_t> device) const {
   if (!device) return "";
-  for (const robot::DeviceConfig& each : choice_.robot.devices) {
+  for (const robot::DeviceConfig& each : choice_.robot.devices)
     if (each.bus == bus && each.id == *device) return each.name;
-  }
   return "";
 }
 

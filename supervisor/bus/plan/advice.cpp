@@ -22,9 +22,8 @@ constexpr double kLowestRateHz = 100;  // as load_robot demands
 // Excess load of all buses; less is better. The sum counts every bus, so that a change does not just move the load.
 double excess(const Plan& plan) {
   double sum = 0;
-  for (const BusPlan& bus : plan.buses) {
+  for (const BusPlan& bus : plan.buses)
     sum += std::max(0.0, bus.load() - kFullLoad) + std::max(0.0, bus.cycle_us / plan.tick_us() - 1);
-  }
   return sum;
 }
 
@@ -42,13 +41,11 @@ bool may_live_on(const RobotConfig& robot, const DeviceConfig& device, std::size
 // 0: there is none.
 std::uint32_t free_id(const RobotConfig& robot, std::size_t bus, std::uint32_t wanted) {
   std::set<std::uint32_t> taken;
-  for (const DeviceConfig& other : robot.devices) {
+  for (const DeviceConfig& other : robot.devices)
     if (other.bus == bus) taken.insert(other.id);
-  }
   if (taken.count(wanted) == 0) return wanted;
-  for (std::uint32_t id = 1; id <= kLargestId; ++id) {
+  for (std::uint32_t id = 1; id <= kLargestId; ++id)
     if (taken.count(id) == 0) return id;
-  }
   return 0;
 }
 
@@ -128,15 +125,12 @@ class Adviser {
   // The smallest rate divider with which the busiest bus fits, for all its drives that are asked most often.
   bool divide_one() {
     std::size_t worst = robot_.buses.size();
-    for (std::size_t bus = 0; bus < robot_.buses.size(); ++bus) {
-      if (overloaded(bus) && (worst == robot_.buses.size() || now_.buses[bus].load() > now_.buses[worst].load())) {
+    for (std::size_t bus = 0; bus < robot_.buses.size(); ++bus)
+      if (overloaded(bus) && (worst == robot_.buses.size() || now_.buses[bus].load() > now_.buses[worst].load()))
         worst = bus;
-      }
-    }
     std::uint32_t least = kLargestDivider;
-    for (const DevicePlan& each : now_.buses[worst].devices) {
+    for (const DevicePlan& each : now_.buses[worst].devices)
       if (is_drive(each)) least = std::min(least, robot_.devices[each.device].rate_divider);
-    }
     for (std::uint32_t divider = least + 1; divider <= kLargestDivider; ++divider) {
       RobotConfig tried = robot_;
       std::string names;
@@ -190,9 +184,8 @@ std::vector<std::string> advise(const RobotConfig& robot, const PlanOptions& wan
   const Plan as_it_is = plan(robot, options);
   // The alternative that needs no rewiring.
   const double rate_hz = round_rate(as_it_is);
-  if (!all.empty() && all.back().rfind("lower rate_hz", 0) != 0 && rate_hz > 0) {
+  if (!all.empty() && all.back().rfind("lower rate_hz", 0) != 0 && rate_hz > 0)
     all.push_back(fmt::format("or leave all that and set rate_hz = {:g}{}", rate_hz, watchdogs_for(robot, rate_hz)));
-  }
   for (std::size_t i = 0; i < as_it_is.buses.size(); ++i) {
     const std::string wait = short_wait(as_it_is.buses[i], robot.buses[i]);
     if (!wait.empty()) all.push_back(wait);
@@ -215,9 +208,8 @@ Verdict judge_for_run(const RobotConfig& robot) {
         bus.name, 100 * bus.load(), now.rate_hz, 100 * bus.load_average, bus.cycle_us, now.tick_us(),
         bus.highest_rate_hz >= 1 ? fmt::format("{:.0f} Hz fit", std::floor(bus.highest_rate_hz)) : "no rate fits");
     verdict.next = fmt::format("lithe bus plan {} tells what to move", robot.path);
-    if (const double rate_hz = round_rate(now); rate_hz > 0) {
+    if (const double rate_hz = round_rate(now); rate_hz > 0)
       verdict.next += fmt::format(", or set rate_hz = {:g}{}", rate_hz, watchdogs_for(robot, rate_hz));
-    }
   }
   for (std::size_t i = 0; i < now.buses.size() && verdict.text.empty(); ++i) {
     verdict.text = short_wait(now.buses[i], robot.buses[i]);

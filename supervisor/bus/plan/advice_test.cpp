@@ -88,9 +88,8 @@ bool follow(const std::string& sentence, RobotConfig& robot) {
           sentence, found,
           std::regex("^(lower|or leave all that and set) rate_hz (to|=) ([\\d.]+)(, with watchdog_s = ([\\d.]+))?"))) {
     robot.rate_hz = std::stod(found[3]);
-    for (robot::DeviceConfig& device : robot.devices) {
+    for (robot::DeviceConfig& device : robot.devices)
       if (found[5].matched) device.watchdog_s = std::max(device.watchdog_s, std::stod(found[5]));
-    }
     return true;
   }
   return false;
@@ -102,9 +101,8 @@ bool may_be_loaded(const RobotConfig& robot) {
   bool sound = robot.rate_hz >= 100;
   for (const robot::DeviceConfig& device : robot.devices) {
     sound = sound && device.id >= 1 && device.id <= 126 && taken.insert({device.bus, device.id}).second;
-    if (device.kind != DeviceKind::gateway) {
+    if (device.kind != DeviceKind::gateway)
       sound = sound && device.watchdog_s * robot.rate_hz / device.rate_divider >= 4;
-    }
   }
   return sound;
 }

@@ -76,11 +76,10 @@ FrameImage::FrameImage(const Frame& frame) {
   head(frame, fd);
   const std::size_t known = std::min<std::size_t>(frame.size, size);
   for (std::size_t i = 0; i < size; ++i) field(i < known ? frame.data[i] : 0, 8);
-  if (fd) {
+  if (fd)
     fd_tail();
-  } else {
+  else
     classic_tail();
-  }
   fast_ = false;
   plain(1);  // CRC delimiter
   plain(0);  // acknowledged

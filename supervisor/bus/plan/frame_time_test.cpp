@@ -17,9 +17,8 @@ Frame frame_of(std::uint32_t id, std::string_view hex, bool extended, bool fd) {
   frame.id = id;
   frame.extended = extended;
   frame.fd = frame.brs = fd;
-  for (std::size_t i = 0; i + 1 < hex.size(); i += 2) {
+  for (std::size_t i = 0; i + 1 < hex.size(); i += 2)
     frame.data[frame.size++] = static_cast<std::uint8_t>(std::stoi(std::string(hex.substr(i, 2)), nullptr, 16));
-  }
   return frame;
 }
 
@@ -157,9 +156,8 @@ TEST(FrameTime, NoFrameIsShorterThanTheLeastOrLongerThanTheMost) {
     frame.id = static_cast<std::uint32_t>(random()) & (frame.extended ? 0x1fffffffU : 0x7ffU);
     frame.size = static_cast<std::uint8_t>(frame.fd ? fd_size(random() % 65) : random() % 9);
     // Half of them of long runs, which need the most stuff bits.
-    for (std::uint8_t& byte : frame.data) {
+    for (std::uint8_t& byte : frame.data)
       byte = static_cast<std::uint8_t>(round % 2 == 0 ? random() : random() % 2 == 0 ? 0x0f : 0x87);
-    }
     const FrameBits bits = exact_bits(frame);
     const FrameBits least = least_bits(shape_of(frame));
     const FrameBits most = most_bits(shape_of(frame));

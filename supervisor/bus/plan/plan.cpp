@@ -81,9 +81,8 @@ struct Use {
 template <class Visit>
 void each_frame(const BusPlan& bus, Visit visit) {
   for (const Traffic& each : bus.shared) visit(each, 0U);
-  for (const DevicePlan& device : bus.devices) {
+  for (const DevicePlan& device : bus.devices)
     for (const Traffic& each : device.traffic) visit(each, device.turn);
-  }
 }
 
 Use use_of(const BusPlan& bus, double rate_hz, std::uint32_t ticks) {
@@ -165,9 +164,8 @@ void share_spi(const RobotConfig& robot, const std::vector<Use>& uses, Plan& pla
   }
   if (all.empty()) return;
   plan.spi_us = *std::max_element(all.begin(), all.end());
-  for (std::size_t i = 0; i < us.size(); ++i) {
+  for (std::size_t i = 0; i < us.size(); ++i)
     if (!us[i].empty()) plan.spi.push_back({kProcessors[i], *std::max_element(us[i].begin(), us[i].end())});
-  }
   for (BusPlan& bus : plan.buses) {
     if (!robot::facts(bus.kind).is_board || bus.devices.empty()) continue;
     bus.cycle_us = std::max(bus.cycle_us, plan.spi_us + kTurnAroundUs + pair_us);
@@ -200,9 +198,8 @@ void add_devices(const RobotConfig& robot, Detail detail, Plan& plan) {
     }
   };
   for (const robot::JointConfig& joint : robot.joints) add(joint.device);
-  for (std::size_t i = 0; i < robot.devices.size(); ++i) {
+  for (std::size_t i = 0; i < robot.devices.size(); ++i)
     if (!robot::is_drive(robot.devices[i].kind)) add(i);
-  }
 }
 
 Plan plan_at(const RobotConfig& robot, const PlanOptions& options) {

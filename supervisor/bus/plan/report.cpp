@@ -18,11 +18,10 @@ Json frame(const Traffic& each) {
               {"fd", each.fd},
               {"average_us", rounded(each.average_us, 10)},
               {"worst_us", rounded(each.worst_us, 10)}};
-  if (each.per_tick > 0) {
+  if (each.per_tick > 0)
     out["per_tick"] = each.per_tick;
-  } else {
+  else
     out["per_s"] = each.per_s;
-  }
   return out;
 }
 

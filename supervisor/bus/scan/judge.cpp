@@ -13,7 +13,8 @@ namespace {
 
 using robot::DeviceKind;
 
-// Of a CANopen device: the kind that the file says; else that of its profile; else the first one, which it does not fit.
+// Of a CANopen device: the kind that the file says; else that of its profile; else the first one, which it does not
+// fit.
 const hal::DeviceType& type_of_found(const robot::RobotConfig& robot, std::size_t bus, DeviceKind first,
                                      const hal::FoundDevice& found) {
   if (hal::type_of(first).profile == 0) return hal::type_of(first);
@@ -21,9 +22,8 @@ const hal::DeviceType& type_of_found(const robot::RobotConfig& robot, std::size_
     const hal::DeviceType& type = hal::type_of(device.kind);
     if (device.bus == bus && device.id == found.id && type.profile != 0) return type;
   }
-  for (const hal::DeviceType& type : hal::device_types()) {
+  for (const hal::DeviceType& type : hal::device_types())
     if (type.profile != 0 && found.profile == type.profile) return type;
-  }
   return hal::type_of(first);
 }
 
@@ -43,9 +43,8 @@ Judged judge_device(const hal::FoundDevice& found, const hal::DeviceType& type) 
 // A device of the file gets its name; any other device is `unknown`.
 void compare(const robot::RobotConfig& robot, std::size_t bus, std::vector<Judged>& all) {
   for (Judged& found : all) {
-    for (const robot::DeviceConfig& device : robot.devices) {
+    for (const robot::DeviceConfig& device : robot.devices)
       if (device.bus == bus && device.kind == found.kind && device.id == found.id) found.name = device.name;
-    }
     if (found.standing == Standing::twice) continue;
     const bool known = !found.name.empty();
     if (known && found.standing == Standing::present) found.standing = Standing::expected;
@@ -100,11 +99,9 @@ std::string_view word(Standing standing) {
 BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Line& line) {
   BusFindings findings{bus, {}, "", ""};
   const bool asked = line.error.empty() && line.commander.empty();
-  for (const Line::KindScanner& each : line.scanners) {
-    for (const hal::FoundDevice& found : each.scanner->found(asked)) {
+  for (const Line::KindScanner& each : line.scanners)
+    for (const hal::FoundDevice& found : each.scanner->found(asked))
       findings.devices.push_back(judge_device(found, type_of_found(robot, bus, each.kind, found)));
-    }
-  }
   if (!line.commander.empty()) {
     findings.error = "another program commands this bus (" + line.commander +
                      " was heard), so nothing was asked; end that program, or watch it: lithe bus monitor";

@@ -52,9 +52,8 @@ std::string wrong_bitrates(const robot::BusConfig& bus) {
 
 Result<Choice> choose_given(robot::BusConfig bus, const Words& words) {
   if (!words.bus.empty()) return Error{"--bus picks one of a robot file's buses; '" + words.what + "' is one already"};
-  if (robot::facts(bus.kind).place == PlaceKey::connector && (bus.connector < 1 || bus.connector > 5)) {
+  if (robot::facts(bus.kind).place == PlaceKey::connector && (bus.connector < 1 || bus.connector > 5))
     return Error{words.what + ": a pi3hat has the connectors 1 to 5: pi3hat:1"};
-  }
   bus.bitrate = words.bitrate.value_or(bus.bitrate);
   bus.data_bitrate = words.data_bitrate.value_or(bus.data_bitrate);
   if (const std::string wrong = wrong_bitrates(bus); !wrong.empty()) return Error{wrong};
@@ -70,9 +69,7 @@ Result<Choice> choose(const Words& words) {
   if (auto bus = bus_given(words.what)) return choose_given(std::move(*bus), words);
   if (words.bitrate || words.data_bitrate) return Error{"the bit rates of a robot's buses stand in its file"};
   Result<robot::RobotConfig> robot = robot::load_robot(words.what);
-  if (!robot) {
-    return Error{robot.message() + "\n(a bus without a robot file: " + bus_forms() + ")"};
-  }
+  if (!robot) return Error{robot.message() + "\n(a bus without a robot file: " + bus_forms() + ")"};
   Choice choice;
   choice.from_file = true;
   std::string names;

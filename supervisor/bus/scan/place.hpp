@@ -36,8 +36,8 @@ Result<Choice> choose(const Words& words);
 // The forms of KIND:PLACE for all kinds of buses: "fdcanusb:PATH slcan:PATH ...".
 std::string bus_forms();
 
-// The protocol of the file's devices on this bus. Without a file: that of the first kind of device that needs such a bus,
-// with CAN FD or without.
+// The protocol of the file's devices on this bus. Without a file: that of the first kind of device that needs such a
+// bus, with CAN FD or without.
 robot::Protocol protocol_of(const robot::RobotConfig& robot, std::size_t bus);
 
 // "fdcanusb:/dev/ttyACM0"; "loop" for one in memory.

@@ -44,9 +44,8 @@ void Line::on_frame(const hal::Frame& frame) {
 
 void listen(std::vector<Line>& lines, std::int64_t for_ns, const Time& time) {
   const std::int64_t end_ns = time.now_ns() + for_ns;
-  for (Line& line : lines) {
+  for (Line& line : lines)
     if (line.bus != nullptr) line.bus->begin(time.now_ns());
-  }
   while (time.now_ns() < end_ns) {
     bool received = false;
     for (Line& line : lines) {
@@ -62,9 +61,8 @@ void listen(std::vector<Line>& lines, std::int64_t for_ns, const Time& time) {
 void ask(Line& line, const Time& time) {
   if (line.bus == nullptr) return;
   const hal::AskedBus asked{*line.bus, time, line.bitrate, [&line](const hal::Frame& frame) { line.on_frame(frame); }};
-  if (line.commander.empty()) {
+  if (line.commander.empty())
     for (const Line::KindScanner& each : line.scanners) line.error += each.scanner->ask(asked);
-  }
   line.bus->begin(time.now_ns());  // some adapters notice only here that nothing is sent
   if (std::string down = line.bus->why_down(); !down.empty()) line.error = std::move(down);
 }

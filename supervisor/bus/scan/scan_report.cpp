@@ -51,9 +51,8 @@ Scan scan(const Choice& choice, const ScanOptions& options) {
     lines.emplace_back(open.back().get(), protocol_of(choice.robot, index), config.bitrate);
   }
   const Time time = real_time();
-  if (std::any_of(open.begin(), open.end(), [](const auto& bus) { return bus != nullptr; })) {
+  if (std::any_of(open.begin(), open.end(), [](const auto& bus) { return bus != nullptr; }))
     listen(lines, std::llround(1e9 * options.listen_s), time);
-  }
   for (std::size_t i = 0; i < lines.size(); ++i) {
     if (open[i] == nullptr) continue;
     ask(lines[i], time);
@@ -102,9 +101,8 @@ std::string to_text(const Scan& scan, const Choice& choice) {
                           word(device.standing), device.name, device.what);
       if (!device.advice.empty()) next += fmt::format("  {} id {}: {}\n", config.name, device.id, device.advice);
     }
-    for (const std::string& words : {each.error, each.note}) {
+    for (const std::string& words : {each.error, each.note})
       if (!words.empty()) text += "  " + words + "\n";
-    }
     if (each.devices.empty() && each.error.empty() && each.note.empty()) text += "  nothing answers\n";
   }
   if (scan.matches) return text + (choice.from_file ? "all is as " + choice.robot.path + " says\n" : "");

@@ -88,9 +88,8 @@ TEST(Scan, ReadsTheIdentityOfCanopenNodes) {
   const auto nodes = found(line);
   ASSERT_EQ(nodes.size(), 2U);
   EXPECT_EQ(nodes[1].profile, 402U);
-  for (const char* part : {"', profile 402, vendor ", ", product ", ", revision ", ", serial 0000007eh"}) {
+  for (const char* part : {"', profile 402, vendor ", ", product ", ", revision ", ", serial 0000007eh"})
     EXPECT_NE(nodes[1].what.find(part), std::string::npos) << nodes[1].what;
-  }
   EXPECT_TRUE(matches(judge(robot_with({{DeviceKind::cia402, 1}, {DeviceKind::cia402, 126}}), 0, true, line)));
 }
 
@@ -206,9 +205,8 @@ TEST(Scan, NothingIsAskedWhereSomebodyElseCommands) {
     const Line line = rig.scan(robot::Protocol::canopen);
     EXPECT_FALSE(line.commander.empty());
     EXPECT_TRUE(rig.bus().sent().empty());
-    for (const Judged& each : judge(robot_with({{DeviceKind::cia402, 1}}), 0, true, line).devices) {
+    for (const Judged& each : judge(robot_with({{DeviceKind::cia402, 1}}), 0, true, line).devices)
       EXPECT_NE(each.standing, Standing::unfit) << "who was not asked cannot answer";
-    }
   }
 }
 

@@ -115,9 +115,8 @@ inline robot::RobotConfig robot_with(std::vector<std::pair<DeviceKind, std::uint
 // All that was found, of any kind.
 inline std::vector<hal::FoundDevice> found(const Line& line) {
   std::vector<hal::FoundDevice> all;
-  for (const Line::KindScanner& each : line.scanners) {
+  for (const Line::KindScanner& each : line.scanners)
     for (hal::FoundDevice& one : each.scanner->found(true)) all.push_back(std::move(one));
-  }
   return all;
 }
 

@@ -39,9 +39,8 @@ class All final : public bus::FrameSource {
     parts_.push_back(std::move(source));
   }
   bool next(bus::CapturedFrame& captured) override {
-    for (std::size_t i = 0; i < parts_.size(); ++i) {
+    for (std::size_t i = 0; i < parts_.size(); ++i)
       if (parts_[turn_++ % parts_.size()]->next(captured)) return true;
-    }
     return false;
   }
   // Parts of one Spine may have the same trouble.
@@ -86,9 +85,8 @@ Result<> listen_in(const bus::Choice& choice, const std::vector<Occupied>& spine
     const robot::BusConfig& bus = choice.robot.buses[number];
     const auto spine =
         std::find_if(spines.begin(), spines.end(), [number](const Occupied& each) { return each.ours == number; });
-    if (spine == spines.end() && !robot::is_real(bus)) {
+    if (spine == spines.end() && !robot::is_real(bus))
       return Error{"bus '" + bus.name + "' is simulated and lives in the Spine: start the robot, then watch it"};
-    }
     if (spine == spines.end() || robot::facts(bus.kind).is_shared) {  // the kernel gives everybody everything
       free.push_back(number);
       continue;
@@ -118,13 +116,11 @@ int bus_monitor(const Context& context, const bus::Words& words, bus::MonitorOpt
   std::vector<Occupied> spines = spines_on(*choice, warn);
   know_by_file(*choice, spines);
   bus::Monitor monitor(*choice, options, monotonic_ns());
-  if (const std::string complaint = monitor.complaint(); !complaint.empty()) {
+  if (const std::string complaint = monitor.complaint(); !complaint.empty())
     throw Refusal{"usage", complaint, "see the robot file"};
-  }
   All all;
-  if (const Result<> open = listen_in(*choice, spines, all); !open) {
+  if (const Result<> open = listen_in(*choice, spines, all); !open)
     throw Refusal{"no_bus", open.message(), "who uses it: lithe status, fuser -v"};
-  }
   end_with_statistics();
   return bus::watch(
       all, monitor, options, [] { return ended != 0; }, [](const std::string& line) { std::cout << line << std::endl; },

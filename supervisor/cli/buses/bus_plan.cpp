@@ -24,10 +24,9 @@ std::string hertz(double rate_hz) { return std::isfinite(rate_hz) ? fmt::format(
 
 void print_device(const bus::DevicePlan& plan, const robot::DeviceConfig& device) {
   std::string frames;
-  for (const bus::Traffic& each : plan.traffic) {
+  for (const bus::Traffic& each : plan.traffic)
     if (each.per_tick > 0 || each.unasked)
       frames += fmt::format("{}{} {}", frames.empty() ? "" : ", ", each.what, each.size);
-  }
   const std::string often = device.rate_divider == 1 || !robot::is_drive(device.kind)
                                 ? ""
                                 : fmt::format(", in one of {} ticks", device.rate_divider);

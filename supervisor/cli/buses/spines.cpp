@@ -85,9 +85,8 @@ class SpineFrames final : public bus::FrameSource {
   // A Spine started anew has a new segment under the same name.
   std::string why_down() override {
     auto there = ipc::Segment<ipc::FramesMemory>::attach(robot_, ipc::Access::write);
-    if (!there || !ipc::Lease::is_held(Spine::path(robot_))) {
+    if (!there || !ipc::Lease::is_held(Spine::path(robot_)))
       return fmt::format("the Spine of robot '{}' has gone; its next one is watched again (lithe run)", robot_);
-    }
     if ((*there)->header.created_ns != memory_->header.created_ns) {
       lost_before_ += ring_.lost();
       memory_ = std::move(*there);
@@ -117,9 +116,8 @@ class SpineFrames final : public bus::FrameSource {
   }
 
   std::optional<std::size_t> number_of(const std::string& bus) const {
-    for (std::size_t i = 0; i < memory_->buses.size(); ++i) {
+    for (std::size_t i = 0; i < memory_->buses.size(); ++i)
       if (text_of(memory_->buses[i].name) == bus) return i;
-    }
     return std::nullopt;
   }
 

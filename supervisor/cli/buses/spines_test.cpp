@@ -32,9 +32,8 @@ class SpinesTest : public ::testing::Test {
   // As a Spine that is started shows its buses.
   Frames start_spine(const std::vector<std::string>& buses) {
     auto frames = Frames::create("arm");
-    for (std::size_t i = 0; i < buses.size(); ++i) {
+    for (std::size_t i = 0; i < buses.size(); ++i)
       std::copy(buses[i].begin(), buses[i].end(), (*frames)->buses[i].name.begin());
-    }
     return std::move(*frames);
   }
   static void show(Frames& frames, std::size_t bus, std::uint32_t id) {

@@ -34,9 +34,8 @@ namespace {
 // The robot to use: one with a supervisor if there is one, else one whose Spine ticks without.
 std::variant<std::string, Refusal> find_robot() {
   std::vector<std::string> running = control::running_robots();
-  for (const std::string& robot : running.empty() ? control::robots_with_memory() : std::set<std::string>{}) {
+  for (const std::string& robot : running.empty() ? control::robots_with_memory() : std::set<std::string>{})
     if (control::spine_now(robot)) running.push_back(robot);
-  }
   if (running.empty()) {
     return Refusal{"no_robot", fmt::format("no robot is running here (looked in {})", run_dir()),
                    "start one: lithe run robots/arm.toml"};
@@ -77,9 +76,8 @@ int refuse(const Context& context, const Refusal& refusal) {
     std::cerr << printable(refusal.message, true) << '\n';
     if (refusal.detail.is_object()) {
       const std::string text = refusal.detail.value("text", "");
-      if (!text.empty() && text != refusal.message) {
+      if (!text.empty() && text != refusal.message)
         std::cerr << printable(text, true) << (text.back() == '\n' ? "" : "\n");
-      }
     }
     if (!refusal.next.empty()) std::cerr << "next: " << printable(refusal.next, true) << '\n';
   }

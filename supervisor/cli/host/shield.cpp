@@ -82,9 +82,8 @@ int run_command(const std::vector<std::string>& words, const sigset_t& awaited, 
   const pid_t child = ::fork();
   if (child == 0) {
     ::sigprocmask(SIG_SETMASK, &before, nullptr);
-    if (inside && !join_partition()) {
+    if (inside && !join_partition())
       std::cerr << "lithe tune shield: the command is not in the partition: " << std::strerror(errno) << std::endl;
-    }
     ::execvp(argv[0], argv.data());
     std::cerr << "lithe tune shield: cannot start " << words[0] << ": " << std::strerror(errno) << std::endl;
     ::_exit(kNotStarted);
@@ -99,9 +98,8 @@ int run_command(const std::vector<std::string>& words, const sigset_t& awaited, 
 void leave_cores(const std::vector<int>& all, const std::vector<int>& cores) {
   cpu_set_t set;
   CPU_ZERO(&set);
-  for (const int cpu : all) {
+  for (const int cpu : all)
     if (!std::binary_search(cores.begin(), cores.end(), cpu)) CPU_SET(cpu, &set);
-  }
   ::sched_setaffinity(0, sizeof set, &set);  // refused: then it may stay, and the command starts there
 }
 
@@ -109,9 +107,8 @@ void leave_cores(const std::vector<int>& all, const std::vector<int>& cores) {
 std::string program_of(const host::Target& target) {
   std::error_code failed;
   if (!target.image) return std::filesystem::read_symlink("/proc/self/exe", failed).string();
-  for (const char* path : {"/usr/local/bin/lithe", "/usr/bin/lithe"}) {
+  for (const char* path : {"/usr/local/bin/lithe", "/usr/bin/lithe"})
     if (std::filesystem::exists(target.root + path, failed)) return path;
-  }
   return "";
 }
 
@@ -122,9 +119,8 @@ host::Target place_of(const TuneWords& words) {
   if (target.image) {
     std::error_code failed;
     target.root = std::filesystem::canonical(words.root, failed).string();
-    if (failed || !std::filesystem::is_directory(target.root)) {
+    if (failed || !std::filesystem::is_directory(target.root))
       throw control::Refusal{"usage", fmt::format("--root {}: is no folder", words.root), "mount the image there"};
-    }
     if (target.root == "/") throw control::Refusal{"usage", "--root / is this machine", "leave out --root"};
   }
   target.all_cores = online_cores(target.root);

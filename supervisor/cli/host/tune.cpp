@@ -71,9 +71,8 @@ Json json_of(const host::Change& change) {
 Json json_of(const host::TunePlan& plan, const host::Target& target) {
   Json changes = Json::array(), not_done = Json::array();
   for (const host::Change& each : plan.changes) changes.push_back(json_of(each));
-  for (const host::NotDone& each : plan.not_done) {
+  for (const host::NotDone& each : plan.not_done)
     not_done.push_back({{"item", each.item}, {"path", each.path}, {"why", each.why}});
-  }
   return {{"root", target.root},
           {"board", plan.board.empty() ? Json(nullptr) : Json(plan.board)},
           {"cores", cpu_list(target.cores)},
@@ -170,9 +169,7 @@ int tune_apply(const Context& context, const TuneWords& words) {
     for (const host::NotDone& each : plan.not_done) fmt::print("  {}: not possible here: {}\n", each.path, each.why);
     for (const std::string& each : plan.notes) fmt::print("note: {}\n", each);
     fmt::print("{}{}", shown(*result, "changed"), shown_commands(plan.commands));
-    if (!result->steps.empty()) {
-      fmt::print("undo: lithe tune revert{}\n", target.image ? " --root " + target.root : "");
-    }
+    if (!result->steps.empty()) fmt::print("undo: lithe tune revert{}\n", target.image ? " --root " + target.root : "");
   });
   return result->well() && plan.not_done.empty() ? 0 : kNotEverything;
 }

@@ -34,9 +34,8 @@ fs::path only_folder() {
   const fs::path all = control::records_of("any").parent_path().parent_path();
   std::vector<std::string> robots;
   std::error_code failure;
-  for (const auto& entry : fs::directory_iterator(all, failure)) {
+  for (const auto& entry : fs::directory_iterator(all, failure))
     if (fs::is_directory(entry.path() / "swaps", failure)) robots.push_back(entry.path().filename().string());
-  }
   if (robots.size() == 1) return control::records_of(robots.front());
   if (robots.empty()) throw no_certificates(all);
   throw Refusal{"several_robots", fmt::format("several robots have left certificates in {}", all.string()),
@@ -47,12 +46,10 @@ fs::path only_folder() {
 fs::path find_folder(const Context& context, const std::string& folder) {
   if (!folder.empty()) return fs::path(folder);
   Answer answer = try_ask(context, "status", Json::object());
-  if (const Json* status = std::get_if<Json>(&answer); status != nullptr && status->contains("records")) {
+  if (const Json* status = std::get_if<Json>(&answer); status != nullptr && status->contains("records"))
     return fs::path((*status)["records"].get<std::string>());
-  }
-  if (auto* refusal = std::get_if<Refusal>(&answer); refusal != nullptr && refusal->code == "several_robots") {
+  if (auto* refusal = std::get_if<Refusal>(&answer); refusal != nullptr && refusal->code == "several_robots")
     throw std::move(*refusal);
-  }
   return context.robot.empty() ? only_folder() : control::records_of(context.robot);
 }
 
@@ -60,9 +57,8 @@ fs::path find_folder(const Context& context, const std::string& folder) {
 std::vector<fs::path> pages(const fs::path& folder) {
   std::vector<fs::path> found;
   std::error_code failure;
-  for (const auto& entry : fs::directory_iterator(folder, failure)) {
+  for (const auto& entry : fs::directory_iterator(folder, failure))
     if (entry.path().extension() == ".json") found.push_back(entry.path());
-  }
   const auto number = [](const fs::path& path) { return leading_number<long>(path.stem().string()); };
   std::sort(found.begin(), found.end(), [&](const fs::path& a, const fs::path& b) { return number(a) > number(b); });
   return found;

@@ -58,9 +58,8 @@ Source read_law(const std::string& law) {
 std::string about(const fs::path& path) {
   std::ifstream file(path);
   std::string line;
-  while (std::getline(file, line)) {
+  while (std::getline(file, line))
     if (line.rfind("// ", 0) == 0 && line.find("SPDX") == std::string::npos) return line.substr(3);
-  }
   return "";
 }
 
@@ -69,9 +68,8 @@ constexpr std::size_t kJointsWithoutARobot = 6;  // as an arm: a small number sh
 // Without a robot the check starts its own compile service.
 Answer check_alone(const Source& source) {
   control::LawdLink lawd(control::program_dir() + "/lawd", {}, kJointsWithoutARobot);
-  if (const auto started = lawd.start(monotonic_ns()); !started) {
+  if (const auto started = lawd.start(monotonic_ns()); !started)
     return Refusal{"lawd_failed", started.message(), "is the build complete (make)?"};
-  }
   std::optional<Answer> answer;
   lawd.compile({source.name, source.text}, [&answer](const Answer& got) { answer = got; }, monotonic_ns());
   while (!answer) {
@@ -98,12 +96,8 @@ void print_swap(const Json& c) {
       word(c, "law"), c.value("commit_tick", std::uint64_t{0}), number(c, "compile_ms"),
       c.value("cached", false) ? " (cached)" : "", number(c, "load_ms"), number(c, "requested_to_committed_ms"),
       c.value("missed_releases", std::uint64_t{0}));
-  if (c.contains("record_lost")) {
-    fmt::print("its certificate is not on disk yet: {}\n", word(c, "record_lost"));
-  }
-  if (c.contains("state_not_carried")) {
-    fmt::print("State not carried: {}\n", listed(c["state_not_carried"]["fields"]));
-  }
+  if (c.contains("record_lost")) fmt::print("its certificate is not on disk yet: {}\n", word(c, "record_lost"));
+  if (c.contains("state_not_carried")) fmt::print("State not carried: {}\n", listed(c["state_not_carried"]["fields"]));
   fmt::print("{}{}", cleaned_lines(c), warning_lines(c.value("trial", Json::object()), ""));
 }
 
@@ -119,16 +113,13 @@ std::string score_words(const Json& score) {
   if (!score.is_object()) return "";
   std::string errors;
   const Json rms_error_rad = score.value("rms_error_rad", Json::object());
-  for (const auto& [joint, rms_rad] : rms_error_rad.items()) {
+  for (const auto& [joint, rms_rad] : rms_error_rad.items())
     errors += fmt::format("{} {} {:.4g}", errors.empty() ? ", rms error" : ",", joint, rms_rad.get<double>());
-  }
   return fmt::format("; {}{}", word(score, "verdict"), errors.empty() ? "" : errors + " rad");
 }
 
 void print_laws(const Json& laws) {
-  for (const Json& each : laws["files"]) {
-    fmt::print("  {:<20} {}\n", word(each, "name"), word(each, "about"));
-  }
+  for (const Json& each : laws["files"]) fmt::print("  {:<20} {}\n", word(each, "name"), word(each, "about"));
   for (const Json& each : laws["resident"]) {
     fmt::print("in the Spine: {} ({}){}{}\n", word(each, "law"), each.value("law_id", 0),
                each.value("active", false) ? ", running" : "", score_words(each.value("score", Json())));
@@ -170,11 +161,9 @@ int law_list(const Context& context) {
   Json files = Json::array();
   std::set<fs::path> paths;
   std::error_code failure;
-  for (const auto& entry : fs::directory_iterator(laws_dir(), failure)) {
-    if (entry.path().extension() == ".cpp" && !entry.path().stem().string().ends_with("_test")) {
+  for (const auto& entry : fs::directory_iterator(laws_dir(), failure))
+    if (entry.path().extension() == ".cpp" && !entry.path().stem().string().ends_with("_test"))
       paths.insert(entry.path());
-    }
-  }
   for (const fs::path& path : paths) {
     files.push_back(
         {{"name", path.stem().string()}, {"path", path.lexically_normal().string()}, {"about", about(path)}});

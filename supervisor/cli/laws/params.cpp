@@ -73,9 +73,8 @@ Json param_values(const std::vector<std::string>& words, const char* example) {
     double value = NAN;
     const auto read = at == std::string::npos ? std::from_chars_result{end, std::errc::invalid_argument}
                                               : std::from_chars(each.data() + at + 1, end, value);
-    if (at == 0 || read.ec != std::errc() || read.ptr != end || !std::isfinite(value)) {
+    if (at == 0 || read.ec != std::errc() || read.ptr != end || !std::isfinite(value))
       throw Refusal{"usage", fmt::format("'{}' is not NAME=VALUE with a finite number", each), example};
-    }
     values[each.substr(0, at)] = value;
   }
   return values;
@@ -85,9 +84,8 @@ int param_get(const Context& context, const std::string& name) {
   Json result = ask(context, "params", Json::object());
   if (name.empty()) return finish(context, result, print_params);
   Json chosen = Json::array();
-  for (const Json& each : result["params"]) {
+  for (const Json& each : result["params"])
     if (each["name"] == name) chosen.push_back(each);
-  }
   if (chosen.empty()) {
     throw Refusal{"unknown_param", fmt::format("the running law has no parameter '{}'", name),
                   "see them all: lithe param get"};

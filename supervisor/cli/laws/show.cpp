@@ -9,9 +9,7 @@ namespace lithe::cli {
 namespace {
 
 void row(const char* name, const std::string& text) {
-  if (!text.empty()) {
-    fmt::print("  {:<13} {}\n", name, text);
-  }
+  if (!text.empty()) fmt::print("  {:<13} {}\n", name, text);
 }
 
 // The value at the end of a path of keys; null when a key is missing.
@@ -47,19 +45,16 @@ std::string reason(const Json& c, const char* stage) {
 // All fields of a section: "kind bad_access, tick 512".
 std::string all_of(const Json& section) {
   std::string words;
-  if (section.is_object()) {
-    for (const auto& [name, value] : section.items()) {
+  if (section.is_object())
+    for (const auto& [name, value] : section.items())
       words += fmt::format("{}{} {}", words.empty() ? "" : ", ", name, text(value));
-    }
-  }
   return words;
 }
 
 void print_origin(const Json& c) {
   row("source", fmt::format("{}, sha256 {}", text(at(c, {"source"})), text(at(c, {"source_sha256"}))));
-  if (const Json& object = at(c, {"object_sha256"}); !object.is_null()) {
+  if (const Json& object = at(c, {"object_sha256"}); !object.is_null())
     row("object", fmt::format("sha256 {}{}", text(object), at(c, {"cached"}) == true ? " (compiled before)" : ""));
-  }
   if (const Json& tools = at(c, {"toolchain"}); tools.is_object()) {
     row("toolchain", fmt::format("{}; {}", text(at(tools, {"compiler"})), text(at(tools, {"linker"}))));
     row("flags", text(at(tools, {"flags"})));
@@ -68,14 +63,12 @@ void print_origin(const Json& c) {
 
 void print_split(const Json& c) {
   std::string parts;
-  for (const auto& [name, value] : at(c, {"split_ms"}).items()) {
+  for (const auto& [name, value] : at(c, {"split_ms"}).items())
     parts += fmt::format("{}{} {:.1f}", parts.empty() ? "" : ", ", name, number(value));
-  }
-  if (const Json& whole = at(c, {"requested_to_committed_ms"}); whole.is_number()) {
+  if (const Json& whole = at(c, {"requested_to_committed_ms"}); whole.is_number())
     row("took", fmt::format("{:.1f} ms from request to commit: {}", number(whole), parts));
-  } else if (!parts.empty()) {
+  else if (!parts.empty())
     row("took", fmt::format("{} ms, as far as it came", parts));
-  }
 }
 
 void print_gates(const Json& c) {
@@ -87,13 +80,11 @@ void print_gates(const Json& c) {
   }
   std::size_t passed = 0;
   std::string failed;
-  for (const Json& gate : gates) {
-    if (at(gate, {"ok"}) == true) {
+  for (const Json& gate : gates)
+    if (at(gate, {"ok"}) == true)
       ++passed;
-    } else {
+    else
       failed += fmt::format("; {}: {}", text(at(gate, {"gate"})), text(at(gate, {"detail"})));
-    }
-  }
   row("gates", fmt::format("{} of {} passed{}", passed, gates.size(), failed));
 }
 
@@ -219,12 +210,9 @@ void print_chain(const Json& chain) {
              text(at(chain, {"writings"})));
   const Json& problems = at(chain, {"problems"});
   fmt::print("{}\n", problems.empty() ? "the chain holds" : "THE CHAIN IS BROKEN");
-  for (const Json& each : problems) {
-    fmt::print("  {:<8} {}\n", text(at(each, {"what"})), text(at(each, {"text"})));
-  }
-  if (number(at(chain, {"cut"})) > 0) {
+  for (const Json& each : problems) fmt::print("  {:<8} {}\n", text(at(each, {"what"})), text(at(each, {"text"})));
+  if (number(at(chain, {"cut"})) > 0)
     fmt::print("  cut short by a full disk or a crash, which breaks nothing: {}\n", text(at(chain, {"cut"})));
-  }
 }
 
 }  // namespace lithe::cli

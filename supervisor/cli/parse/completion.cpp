@@ -18,9 +18,8 @@ struct Next {
 
 Next next_of(const CLI::App& app, const Verb& verb) {
   Next next;
-  for (const Verb& each : all_verbs(*verb.app)) {
+  for (const Verb& each : all_verbs(*verb.app))
     if (each.name.find(' ') == std::string::npos) next.words.emplace_back(each.name, each.app->get_description());
-  }
   for (const CLI::App* from : {verb.app, &app}) {
     for (const Argument& each : arguments_of(*from)) {
       next.file = next.file || (each.flags.empty() && is_file(each));

@@ -19,9 +19,8 @@ std::vector<const CLI::App*> children(const CLI::App& app) {
 }
 
 const CLI::App* child(const CLI::App& app, const std::string& name) {
-  for (const CLI::App* each : children(app)) {
+  for (const CLI::App* each : children(app))
     if (each->get_name() == name) return each;
-  }
   return nullptr;
 }
 
@@ -74,18 +73,15 @@ std::string usage_of(const Verb& verb) {
   if (std::any_of(all.begin(), all.end(), [](const Argument& each) { return !each.flags.empty(); }))
     line += " [options]";
   if (!children(*verb.app).empty()) line += " VERB";
-  for (const Argument& each : all) {
+  for (const Argument& each : all)
     if (each.flags.empty()) line += each.required ? " " + each.words : " [" + each.words + "]";
-  }
   return line;
 }
 
 std::string replaced(std::string text, const std::vector<std::pair<std::string_view, std::string_view>>& what) {
-  for (const auto& [from, to] : what) {
-    for (std::size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size()) {
+  for (const auto& [from, to] : what)
+    for (std::size_t at = 0; (at = text.find(from, at)) != std::string::npos; at += to.size())
       text.replace(at, from.size(), to);
-    }
-  }
   return text;
 }
 
@@ -96,9 +92,8 @@ std::string to_markdown(const CLI::App& app) {
   const auto table = [](const CLI::App& verb) {
     const std::vector<Argument> all = arguments_of(verb);
     std::string rows = all.empty() ? "" : "\n| word | meaning |\n|---|---|\n";
-    for (const Argument& each : all) {
+    for (const Argument& each : all)
       rows += fmt::format("| `{}` | {} |\n", each.words, replaced(each.about, {{"|", "\\|"}}));
-    }
     return rows;
   };
   text += "\n    " + usage_of({"", &app}) + "\n" + table(app) + "\n" + app.get_footer() + "\n";
@@ -120,15 +115,13 @@ std::string to_man(const CLI::App& app) {
                                  troff(app.get_description()));
   const auto list = [](const CLI::App& verb) {
     std::string rows;
-    for (const Argument& each : arguments_of(verb)) {
+    for (const Argument& each : arguments_of(verb))
       rows += fmt::format(".RS\n.TP\n.B {}\n{}\n.RE\n", troff(each.words), troff(each.about));
-    }
     return rows;
   };
   text += ".SH SYNOPSIS\n.B " + troff(usage_of({"", &app})) + "\n.SH OPTIONS\n" + list(app) + ".SH VERBS\n";
-  for (const Verb& verb : all_verbs(app)) {
+  for (const Verb& verb : all_verbs(app))
     text += fmt::format(".SS {}\n{}\n{}", troff(usage_of(verb)), troff(verb.app->get_description()), list(*verb.app));
-  }
   return text + ".SH EXIT STATUS\n" + troff(app.get_footer()) + "\n";
 }
 

@@ -62,9 +62,7 @@ TEST_F(ReferenceTest, WhatIsNoVerbIsLeftAlone) {
 TEST_F(ReferenceTest, EveryVerbSaysWhatItDoesUnderAHeading) {
   for (const Verb& each : all_verbs(app_)) {
     EXPECT_FALSE(each.app->get_description().empty()) << each.name;
-    if (each.name.find(' ') == std::string::npos) {
-      EXPECT_NE(each.app->get_group(), "Subcommands") << each.name;
-    }
+    if (each.name.find(' ') == std::string::npos) EXPECT_NE(each.app->get_group(), "Subcommands") << each.name;
     for (const Argument& argument : arguments_of(*each.app)) EXPECT_FALSE(argument.about.empty()) << argument.words;
   }
 }

@@ -95,9 +95,8 @@ void add_robot(CLI::App& app, CommandLine& words) {
                             [](CommandLine& w) { return incident_plot(w.context, w.which, w.folder, w.file); });
   plot->add_option("--out", words.file, "the picture, .png or .svg (default: beside the incident)")->type_name("FILE");
   for (CLI::App* each : {one, plot}) each->add_option("WHICH", words.which, "last (default), or a number");
-  for (CLI::App* each : {kept, one, plot}) {
+  for (CLI::App* each : {kept, one, plot})
     each->add_option("--folder", words.folder, "folder of the incidents, instead of the robot's")->type_name("DIR");
-  }
   add_verb(app, words, kRobot, "estop", "stop now, with or without a supervisor; latched",
            [](CommandLine& w) { return estop(w.context); });
   add_command(app, words, kRobot, "stop", "end `lithe run`, like Ctrl-C", "shutdown");
@@ -184,9 +183,8 @@ void add_laws(CLI::App& app, CommandLine& words) {
   show->add_flag("--source", words.source, "the text of its law, as it was sent");
   CLI::App* verify = add_verb(*law, words, "verify", "verify all certificates against their chain",
                               [](CommandLine& w) { return law_verify(w.context, w.folder); });
-  for (CLI::App* each : {show, verify}) {
+  for (CLI::App* each : {show, verify})
     each->add_option("--folder", words.folder, "folder of the certificates, instead of the robot's")->type_name("DIR");
-  }
 }
 
 void add_params(CLI::App& app, CommandLine& words) {

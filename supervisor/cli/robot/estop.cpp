@@ -36,9 +36,8 @@ Answer confirm(const std::string& robot, std::int64_t deadline_ns) {
   const ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> telemetry((*spine)->telemetry);
   wire::Telemetry now{};
   do {
-    if (telemetry.latest(now) && now.mode == static_cast<std::uint32_t>(wire::Mode::estop)) {
+    if (telemetry.latest(now) && now.mode == static_cast<std::uint32_t>(wire::Mode::estop))
       return Json{{"robot", robot}, {"mode", "estop"}, {"tick", now.tick}};
-    }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   } while (monotonic_ns() < deadline_ns);
   return Refusal{"robot_fault", fmt::format("the Spine of '{}' has not obeyed the e-stop", robot), "cut its power"};
@@ -92,11 +91,9 @@ std::vector<Target> press_all(const Context& context) {
     return !ipc::Lease::is_held(Spine::path(each.robot)) &&
            std::find(served.begin(), served.end(), each.robot) == served.end();
   });
-  for (const std::string& robot : served) {
-    if (robots.count(robot) == 0) {
+  for (const std::string& robot : served)
+    if (robots.count(robot) == 0)
       targets.push_back({robot, Refusal{"no_robot", fmt::format("'{}' has no shared memory", robot), ""}});
-    }
-  }
   return targets;
 }
 
@@ -146,9 +143,8 @@ int estop(const Context& context) {
   // Without a name all robots are stopped: there is no question while robots move.
   const std::vector<Target> targets = press_all(context);
   const std::int64_t deadline_ns = monotonic_ns() + kSeenWithinNs;
-  if (targets.empty()) {
+  if (targets.empty())
     return refuse(context, {"no_robot", "no robot is ticking here", "if a robot moves, cut its power"});
-  }
   std::vector<std::pair<std::string, Answer>> answers;
   for (const Target& each : targets) {
     answers.emplace_back(each.robot, whatever_happens(each.robot, [&]() -> Answer {

@@ -20,9 +20,8 @@ namespace fs = std::filesystem;
 fs::path incidents_folder(const Context& context, const std::string& folder) {
   if (!folder.empty()) return folder;
   Answer answer = try_ask(context, "status", Json::object());
-  if (const Json* status = std::get_if<Json>(&answer); status != nullptr && status->contains("incidents")) {
+  if (const Json* status = std::get_if<Json>(&answer); status != nullptr && status->contains("incidents"))
     return fs::path((*status)["incidents"]["folder"].get<std::string>());
-  }
   if (!context.robot.empty()) return control::incidents_of(context.robot);
   if (auto* refusal = std::get_if<Refusal>(&answer)) {
     refusal->next = "say which robot: --robot NAME; or where: --folder DIR";
@@ -46,9 +45,8 @@ std::string text_at(const Json& from, const char* key) {
 }
 
 void print_incidents(const Json& result) {
-  for (const Json& each : result["incidents"]) {
+  for (const Json& each : result["incidents"])
     fmt::print("{:>5}  {}  {}\n", text_at(each, "id"), text_at(each, "time"), text_at(each, "what"));
-  }
 }
 
 void print_incident(const Json& incident) {
@@ -60,9 +58,8 @@ void print_incident(const Json& incident) {
                text_at(joint, "position_rad"), text_at(joint, "velocity_rad_s"), text_at(joint, "command_torque_nm"),
                text_at(joint, "largest_error_rad"));
   }
-  for (const Json& event : incident.value("events", Json::array())) {
+  for (const Json& event : incident.value("events", Json::array()))
     fmt::print("  tick {:<8} {} {}\n", text_at(event, "tick"), text_at(event, "kind"), text_at(event, "text"));
-  }
   fmt::print("telemetry: {}; a picture of it: lithe incident plot {}\n", text_at(incident, "path"),
              text_at(incident, "id"));
 }

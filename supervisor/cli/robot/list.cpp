@@ -19,9 +19,8 @@ namespace {
 std::set<std::string> known_robots() {
   std::set<std::string> names = control::robots_with_memory();
   std::error_code ignored;
-  for (const auto& entry : std::filesystem::directory_iterator(run_dir(), ignored)) {
+  for (const auto& entry : std::filesystem::directory_iterator(run_dir(), ignored))
     if (entry.path().extension() == ".sock" || entry.path().extension() == ".pid") names.insert(entry.path().stem());
-  }
   return names;
 }
 

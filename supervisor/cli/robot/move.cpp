@@ -95,9 +95,8 @@ Json go(const std::string& robot, const Motion& motion) {
   View view(std::move(*memory));
   wire::RobotInfo info{};
   wire::Telemetry now{};
-  if (!view.info_reader.read(info) || !view.telemetry.latest(now)) {
+  if (!view.info_reader.read(info) || !view.telemetry.latest(now))
     throw Refusal{"not_ready", fmt::format("robot '{}' has not ticked yet", robot), "try again in a moment"};
-  }
   auto lease = ipc::Lease::try_take(Brain::path(robot));
   const auto brain = Brain::attach(robot, ipc::Access::write);
   if (!lease || !brain)

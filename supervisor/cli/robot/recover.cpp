@@ -19,9 +19,8 @@ std::string last_stop(const Context& context) {
   const Answer answer = try_ask(context, "events", Json::object());
   std::string text;
   if (const Json* result = std::get_if<Json>(&answer)) {
-    for (const Json& event : (*result)["events"]) {
+    for (const Json& event : (*result)["events"])
       if (event.value("kind", "") == "safe_stop") text = event.value("text", "");
-    }
   }
   return text;
 }

@@ -17,9 +17,8 @@ namespace lithe::cli {
 namespace {
 
 void print_events(const Json& events) {
-  if (const auto lost = events.value("lost", std::uint64_t{0}); lost != 0) {
+  if (const auto lost = events.value("lost", std::uint64_t{0}); lost != 0)
     fmt::print("({} older events are gone)\n", lost);
-  }
   for (const Json& each : events["events"]) {
     fmt::print("{:>6}  {:14.6f} s  {}\n", each.value("cursor", std::uint64_t{0}),
                static_cast<double>(each.value("t_ns", std::int64_t{0})) * 1e-9, control::event_line(each));
@@ -37,11 +36,10 @@ int status(const Context& context) {
 
 int command(const Context& context, const std::string& verb) {
   return finish(context, ask(context, verb, Json::object()), [&verb](const Json& result) {
-    if (verb == "shutdown") {
+    if (verb == "shutdown")
       fmt::print("supervisor {} is stopping the robot\n", result.value("pid", 0));
-    } else {
+    else
       print_command(verb, result);
-    }
   });
 }
 
@@ -51,9 +49,8 @@ int events(const Context& context, std::uint64_t since, bool follow) {
     const Json result = value_of(client.call("events", {{"since", since}}, kQuickMs));
     if (!follow) return finish(context, result, print_events);
     if (context.json) {
-      for (const Json& each : result["events"]) {
+      for (const Json& each : result["events"])
         std::cout << control::dump_line(each) << std::endl;  // following never ends, so it prints lines
-      }
     } else {
       print_events(control::printable_json(result));
       std::fflush(stdout);

@@ -54,14 +54,12 @@ std::string last_swap(const Json& status) {
   if (swap.empty()) return "";
   const std::string law = word(swap, "law");
   std::string said = fmt::format("{} {}", law.empty() ? word(swap, "source") : law, word(swap, "verdict"));
-  if (swap.contains("requested_to_committed_ms")) {
+  if (swap.contains("requested_to_committed_ms"))
     said += fmt::format(", {:.1f} ms from request to commit", number(swap, "requested_to_committed_ms"));
-  }
   if (swap.contains("reason")) said += fmt::format(": {}", word(swap, "reason"));
   std::string text = fmt::format("  last swap: {}\n", said);
-  if (swap.contains("state_not_carried")) {
+  if (swap.contains("state_not_carried"))
     text += fmt::format("    State not carried: {}\n", listed(swap["state_not_carried"]));
-  }
   return text + warning_lines(swap, "    ");
 }
 
@@ -71,9 +69,8 @@ std::string last_params(const Json& status) {
   if (change.empty()) return "";
   std::string values;
   const Json asked = part(change, "values");
-  for (const auto& [name, value] : asked.items()) {
+  for (const auto& [name, value] : asked.items())
     values += fmt::format("{}{} = {}", values.empty() ? "" : ", ", name, value.dump());
-  }
   const std::string reason = change.contains("error") ? word(change["error"], "message") : change.value("reason", "");
   return fmt::format("  last parameters: {} {}{}{}\n", values, word(change, "verdict"), reason.empty() ? "" : ": ",
                      reason) +
@@ -119,9 +116,8 @@ std::string bus_lines(const Json& status) {
   std::string text;
   for (const Json& bus : status.value("buses", Json::array())) {
     std::string found;
-    for (const auto& [key, name] : troubles) {
+    for (const auto& [key, name] : troubles)
       if (const auto count = bus.value(key, std::uint64_t{0}); count != 0) found += fmt::format(", {} {}", count, name);
-    }
     text += fmt::format("  bus {:<12} {} frames out, {} in{}\n", word(bus, "name"), bus.value("sent", std::uint64_t{0}),
                         bus.value("received", std::uint64_t{0}), found);
   }
@@ -215,9 +211,8 @@ std::string status_text(const Json& s, const Look& look) {
                       s.value("late_samples", 0),
                       seen ? fmt::format("{:.1f} ms ago", number(s, "brain_age_ms")) : "never seen");
   text += bus_lines(s) + quantile_lines(s) + joint_lines(s, look) + core_line(s) + shield_lines(s);
-  if (const std::string lost = s.value("lost", ""); !lost.empty()) {
+  if (const std::string lost = s.value("lost", ""); !lost.empty())
     text += fmt::format("  this machine could not give: {}\n", lost);
-  }
   return text + fmt::format("  Spine pid {}, supervisor pid {}, compile service pid {}\n", s.value("spine_pid", 0),
                             s.value("supervisor_pid", 0), s.value("lawd_pid", 0));
 }

@@ -47,9 +47,8 @@ TEST(StatusText, AlarmsComeFirst) {
 
 TEST(StatusText, JointsHaveAHeaderWithTheUnitThatIsAskedFor) {
   const std::string degrees = status_text(robot(), {}), radians = status_text(robot(), {false, true});
-  for (const char* column : {"joint", "position", "setpoint", "velocity", "torque", "limits", "drive"}) {
+  for (const char* column : {"joint", "position", "setpoint", "velocity", "torque", "limits", "drive"})
     EXPECT_NE(degrees.find(column), std::string::npos) << column;
-  }
   EXPECT_NE(degrees.find("57.30"), std::string::npos) << degrees;
   EXPECT_NE(degrees.find("deg/s"), std::string::npos);
   EXPECT_NE(degrees.find("-114.59 .. 114.59"), std::string::npos);

@@ -52,9 +52,8 @@ Answer unpack(const Json& message) {
 Result<Client> Client::connect(const std::string& socket_path) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
-  if (socket_path.size() >= sizeof(address.sun_path)) {
+  if (socket_path.size() >= sizeof(address.sun_path))
     return Error{fmt::format("socket path {} is too long; set a shorter LITHE_RUN_DIR", socket_path)};
-  }
   std::memcpy(address.sun_path, socket_path.c_str(), socket_path.size() + 1);
   Fd fd(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   if (!fd || ::connect(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0) {
@@ -96,9 +95,8 @@ std::optional<Answer> Client::receive(std::uint64_t id, std::int64_t deadline_ns
   for (;;) {
     while (const auto line = in_.next()) {
       const Json message = Json::parse(*line, nullptr, false);
-      if (message.is_object() && (message.value("id", Json(nullptr)) == id || message["id"].is_null())) {
+      if (message.is_object() && (message.value("id", Json(nullptr)) == id || message["id"].is_null()))
         return unpack(message);
-      }
     }
     if (!wait_for(fd_.get(), POLLIN, deadline_ns)) return std::nullopt;
     char chunk[65536];

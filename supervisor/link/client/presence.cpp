@@ -51,9 +51,8 @@ void look_at_spine(Presence& out) {
   if (ipc::ChannelReader<wire::RobotInfo>((*spine)->robot_info).read(info)) out.config = text_of(info.config_path);
   for (const auto& memory : (*spine)->law_info) {
     wire::LawInfo law{};
-    if (ipc::ChannelReader<wire::LawInfo>(memory).read(law) && law.law_id != 0 && law.law_id == now.law_id) {
+    if (ipc::ChannelReader<wire::LawInfo>(memory).read(law) && law.law_id != 0 && law.law_id == now.law_id)
       out.law = text_of(law.name);
-    }
   }
 }
 
@@ -94,9 +93,8 @@ std::optional<Client> look_at_supervisor(Presence& out) {
 std::string about_spine(const Presence& there) {
   if (!there.spine_pid) return "no Spine ticks";
   const std::string who = *there.spine_pid > 0 ? fmt::format("pid {}", *there.spine_pid) : "pid unknown";
-  if (!there.unreadable.empty()) {
+  if (!there.unreadable.empty())
     return fmt::format("its Spine ({}) lives; what it does cannot be read: {}", who, there.unreadable);
-  }
   return there.ticks ? fmt::format("its Spine ({}) ticks: mode {}, tick {}", who, there.mode, there.tick)
                      : fmt::format("its Spine ({}) lives but does not tick", who);
 }
@@ -208,9 +206,8 @@ std::set<std::string> robots_with_memory() {
   for (std::filesystem::directory_iterator at(pattern.parent_path(), failure), end; !failure && at != end;
        at.increment(failure)) {
     const std::string name = at->path().filename().string();
-    if (name.size() > before.size() + after.size() && name.starts_with(before) && name.ends_with(after)) {
+    if (name.size() > before.size() + after.size() && name.starts_with(before) && name.ends_with(after))
       robots.insert(name.substr(before.size(), name.size() - before.size() - after.size()));
-    }
   }
   return robots;
 }

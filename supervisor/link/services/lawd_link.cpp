@@ -17,20 +17,16 @@ Refusal refusal_of(const Json& answer) {
   for (const Json& each : diagnostics) {
     if (each.value("severity", "") == "error" || each.value("severity", "") == "fatal error") {
       message = each.value("file", "?");
-      for (const char* place : {"line", "column"}) {  // an unknown position is left out
-        if (each.value(place, 0) > 0) {
-          message += fmt::format(":{}", each.value(place, 0));
-        }
-      }
+      for (const char* place : {"line", "column"})  // an unknown position is left out
+        if (each.value(place, 0) > 0) message += fmt::format(":{}", each.value(place, 0));
       message += ": " + each.value("message", "");
       break;
     }
   }
   if (message.empty()) message = "the compile service gave no reason";
   Json detail = {{"stage", stage}, {"diagnostics", diagnostics}, {"text", text}};
-  for (const char* key : {"gates", "cleaned"}) {
+  for (const char* key : {"gates", "cleaned"})
     if (answer.contains(key)) detail[key] = answer[key];
-  }
   const std::string next = answer.value("next", "the running law is unchanged; correct the source and swap again");
   return {answer.value("starved", false) ? "compile_starved" : stage + "_failed", message, next, detail};
 }

@@ -102,9 +102,7 @@ TEST(LawdLink, AServiceThatClosesItsEndIsNotPolledAnyMoreAndIsReplaced) {
     pollfd wait{before, POLLIN, 0};
     ::poll(&wait, 1, 10);
     lawd.serve(monotonic_ns());
-    if ((wait.revents & POLLHUP) != 0 && lawd.restarts() == 0) {
-      EXPECT_EQ(lawd.poll_fd(), -1);
-    }
+    if ((wait.revents & POLLHUP) != 0 && lawd.restarts() == 0) EXPECT_EQ(lawd.poll_fd(), -1);
   }
   EXPECT_GE(lawd.restarts(), 1U);
 }
@@ -114,16 +112,12 @@ TEST_F(LawdLinkTest, EightChecksWaitAndTheNinthIsRefusedAtOnce) {
   freeze();
   const std::int64_t now_ns = monotonic_ns();
   std::vector<std::optional<Answer>> answers(LawdLink::kMaxChecks + 2);  // one is in its hands, eight wait
-  for (auto& each : answers) {
-    lawd_.check({"rest.cpp", kRestLaw}, into(each), now_ns);
-  }
+  for (auto& each : answers) lawd_.check({"rest.cpp", kRestLaw}, into(each), now_ns);
   EXPECT_EQ(code_of(answers.back()), "busy");
   EXPECT_EQ(code_of(answers.front()), "none");
   ::kill(lawd_.pid(), SIGCONT);
   serve_until([&] { return answers[LawdLink::kMaxChecks].has_value(); });
-  for (std::size_t i = 0; i <= LawdLink::kMaxChecks; ++i) {
-    EXPECT_EQ(code_of(answers[i]), "done") << i;
-  }
+  for (std::size_t i = 0; i <= LawdLink::kMaxChecks; ++i) EXPECT_EQ(code_of(answers[i]), "done") << i;
   std::optional<Answer> again;
   lawd_.check({"rest.cpp", kRestLaw}, into(again), monotonic_ns());
   serve_until([&] { return again.has_value(); });

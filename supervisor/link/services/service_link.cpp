@@ -14,9 +14,8 @@ namespace lithe::control {
 
 Result<> ServiceLink::start(std::int64_t now_ns) {
   int pair[2];
-  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair) != 0) {
+  if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair) != 0)
     return Error{fmt::format("cannot make a socket pair for the {}: {}", name_, std::strerror(errno))};
-  }
   socket_.reset(pair[0]);
   const Fd theirs(pair[1]);
   Launch launch = launch_;
@@ -41,11 +40,10 @@ void ServiceLink::ask(Json request, Turn turn, std::int64_t limit_ns, Callback c
   Json numbered = {{"id", id}};
   numbered.update(request);
   Job job{id, dump_line(numbered) + '\n', limit_ns, std::move(callback)};
-  if (turn == Turn::next) {
+  if (turn == Turn::next)
     line_.push_front(std::move(job));
-  } else {
+  else
     (turn == Turn::idle ? idle_ : line_).push_back(std::move(job));
-  }
   write_requests(now_ns);
 }
 
@@ -53,11 +51,10 @@ void ServiceLink::serve(std::int64_t now_ns) {
   if (process_) {
     read_answers();
     write_requests(now_ns);
-    if (active_ && now_ns > active_->deadline_ns) {
+    if (active_ && now_ns > active_->deadline_ns)
       out_of_time(now_ns);
-    } else if (process_->ended()) {
+    else if (process_->ended())
       on_death(process_->verdict(), now_ns);
-    }
   }
   if (!process_ && now_ns >= restart_at_ns_) {
     ++restarts_;
@@ -83,9 +80,7 @@ void ServiceLink::write_requests(std::int64_t now_ns) {
   }
   while (!out_.empty()) {
     const ssize_t sent = ::send(socket_.get(), out_.data(), out_.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
-    if (sent <= 0) {
-      return;  // socket full, or service dead: serve() handles both
-    }
+    if (sent <= 0) return;  // socket full, or service dead: serve() handles both
     out_.erase(0, static_cast<std::size_t>(sent));
   }
 }
@@ -93,9 +88,8 @@ void ServiceLink::write_requests(std::int64_t now_ns) {
 void ServiceLink::read_answers() {
   char chunk[65536];
   ssize_t got = 0;
-  while ((got = ::recv(socket_.get(), chunk, sizeof(chunk), MSG_DONTWAIT)) > 0) {
+  while ((got = ::recv(socket_.get(), chunk, sizeof(chunk), MSG_DONTWAIT)) > 0)
     in_.feed({chunk, static_cast<std::size_t>(got)});
-  }
   while (const auto line = in_.next()) take(*line);
   if (got != 0) return;
   // It has closed its end, so it is dying, or of no use any more. poll() would return at once until it is dead; and a
@@ -106,9 +100,8 @@ void ServiceLink::read_answers() {
 
 void ServiceLink::take(const std::string& line) {
   Json answer = Json::parse(line, nullptr, false);
-  if (!answer.is_object() || !answer.contains("id") || !answer["id"].is_number_unsigned()) {
+  if (!answer.is_object() || !answer.contains("id") || !answer["id"].is_number_unsigned())
     return;  // its start message, or output of a tool
-  }
   if (!active_ || active_->id != answer["id"].get<std::uint64_t>()) return;
   const Callback callback = std::move(active_->callback);
   active_.reset();
@@ -129,11 +122,10 @@ void ServiceLink::out_of_time(std::int64_t now_ns) {
   process_->signal(SIGKILL);
   process_->wait(1000);
   const std::string had = fmt::format("{:.1f} s of the processor in {:.1f} s", cpu_s, wall_s);
-  if (work.wants_to_run && cpu_s < 0.5 * wall_s) {
+  if (work.wants_to_run && cpu_s < 0.5 * wall_s)
     on_death("the machine is too busy: the " + name_ + " got " + had, now_ns, true);
-  } else {
+  else
     on_death("it had " + had + ", was not done and was stopped", now_ns);
-  }
 }
 
 void ServiceLink::on_death(std::string why, std::int64_t now_ns, bool starved) {

@@ -74,13 +74,12 @@ void TrialLink::attempt(const TrialRequest& trial, Callback callback, std::int64
   const std::int64_t limit_ns = 4 * trial.box_ms * kNsPerMs + 10 * kNsPerS;
   const auto take = [this, trial, starved, callback = std::move(callback)](const Answer& answer) {
     const Json* json = std::get_if<Json>(&answer);
-    if (json == nullptr || json->value("ok", false)) {
+    if (json == nullptr || json->value("ok", false))
       callback(answer);
-    } else if (json->value("starved", false) && starved + 1 < kMostStarved) {
+    else if (json->value("starved", false) && starved + 1 < kMostStarved)
       attempt(trial, callback, monotonic_ns(), starved + 1);
-    } else {
+    else
       callback(refusal_of(*json));
-    }
   };
   ask(request_of(trial), Turn::in_line, limit_ns, take, now_ns);
 }

@@ -48,9 +48,8 @@ Refusal refused_by_mode(CommandKind kind, wire::Mode mode, wire::Fault fault) {
                         mode == wire::Mode::estop ? "reset" : "disarm",
                         kind == CommandKind::recover ? "recover" : "sim reset")};
   }
-  if (kind != CommandKind::reset) {
+  if (kind != CommandKind::reset)
     return {code, fmt::format("cannot {} in mode {}", to_string(kind), to_string(mode)), way_to_active(mode, fault)};
-  }
   const bool off = mode == wire::Mode::disarmed;
   return {code, fmt::format("there is nothing to reset: no fault is latched in mode {}", to_string(mode)),
           off ? "arm the robot: lithe arm" : "nothing is in its way; lithe disarm switches the drives off"};
@@ -59,9 +58,8 @@ Refusal refused_by_mode(CommandKind kind, wire::Mode mode, wire::Fault fault) {
 Refusal refused_by_estop(CommandKind kind) {
   const std::string code(to_string(CommandResult::refused_estop));
   const std::string message = fmt::format("cannot {}: the e-stop is pressed", to_string(kind));
-  if (kind == CommandKind::reset) {
+  if (kind == CommandKind::reset)
     return {code, message, "a Brain holds it: reset from there (robot.reset()), or end that Brain and reset again"};
-  }
   return {code, message,
           kind == CommandKind::disarm ? "the law is off already; lithe reset leaves the e-stop with the drives off"
                                       : "when it is safe: lithe reset, then lithe arm"};
@@ -138,9 +136,8 @@ Refusal refused_not_ready(CommandKind kind, const wire::Telemetry& now, const wi
   std::string_view next;
   for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
     const robot::DeviceConfig* drive = nullptr;
-    if (robot != nullptr && j < robot->joints.size() && robot->joints[j].device < robot->devices.size()) {
+    if (robot != nullptr && j < robot->joints.size() && robot->joints[j].device < robot->devices.size())
       drive = &robot->devices[robot->joints[j].device];
-    }
     const robot::Advice why = why_not_ready(now.joint_status[j], drive);
     if (why.text.empty()) continue;
     const std::string told =
@@ -227,9 +224,8 @@ std::string beyond_limits(const wire::Plan& plan, wire::PlanReject reason, const
       const std::size_t at = w * wire::kNj + j;
       const double rad = plan.position_rad[at], min = info.position_min_rad[j], max = info.position_max_rad[j];
       const std::string who = fmt::format("joint {}, waypoint {}", joint_name(info, j), w + 1);
-      if (reason == wire::PlanReject::position_limit && !(rad >= min - kRounding && rad <= max + kRounding)) {
+      if (reason == wire::PlanReject::position_limit && !(rad >= min - kRounding && rad <= max + kRounding))
         return fmt::format("{}: {:.3f} rad, its limits are {:.3f} and {:.3f} rad", who, rad, min, max);
-      }
       const double gap_s = w > 0 ? static_cast<double>(plan.t_ns[w] - plan.t_ns[w - 1]) * 1e-9 : 1.0;
       const double mean_rad_s = w > 0 ? std::abs(rad - plan.position_rad[at - wire::kNj]) / gap_s : 0.0;
       const double own_rad_s = std::isnan(plan.velocity_rad_s[at]) ? 0.0 : std::abs(plan.velocity_rad_s[at]);
@@ -280,9 +276,7 @@ std::uint64_t Commands::send(wire::Command command, Callback callback, std::int6
     return 0;
   }
   command.request_id = next_id_++;
-  if (stops) {
-    newest_stop_ = command.request_id;
-  }
+  if (stops) newest_stop_ = command.request_id;
   const auto ticket = spine_.send(command);
   if (!ticket) {
     callback(Refusal{"busy", "the Spine has sixteen unread commands", "try again; if it stays so, lithe status"});

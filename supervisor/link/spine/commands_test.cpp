@@ -251,9 +251,8 @@ TEST_F(CommandsTest, AnAnswerThatDoesNotComeIsNotConfirmedAndNotCalledAFailure) 
 TEST_F(CommandsTest, AFullMailboxIsBusy) {
   Commands commands(*link_, 1);
   std::vector<std::string> codes;
-  for (std::size_t i = 0; i <= wire::control_segment::kCommandsDepth; ++i) {
+  for (std::size_t i = 0; i <= wire::control_segment::kCommandsDepth; ++i)
     commands.send(wire::Command{}, [&codes](const Answer& got) { codes.push_back(std::get<Refusal>(got).code); }, 0);
-  }
   EXPECT_EQ(codes, (std::vector<std::string>{"busy"}));
 }
 

@@ -81,11 +81,8 @@ void read_interrupts(std::string_view text, std::uint32_t cpu, CoreCounts& count
   std::string_view head = text.substr(0, text.find('\n'));
   const std::string wanted = fmt::format("CPU{}", cpu);
   std::size_t column = 0;
-  for (std::string_view each = word(head); each != wanted; each = word(head), ++column) {
-    if (each.empty()) {
-      return;  // /proc/interrupts has no column for this core
-    }
-  }
+  for (std::string_view each = word(head); each != wanted; each = word(head), ++column)
+    if (each.empty()) return;  // /proc/interrupts has no column for this core
   while (!text.empty()) {
     const std::size_t end = std::min(text.find('\n'), text.size());
     std::string_view line = text.substr(0, end);
@@ -107,11 +104,10 @@ void read_faults(std::string_view stat, CoreCounts& counts) {
   stat.remove_prefix(name_end + 1);
   for (int field = 3; field <= 12; ++field) {
     const std::string_view text = word(stat);
-    if (field == 10) {
+    if (field == 10)
       counts.minor_faults = whole_number<std::uint64_t>(text);
-    } else if (field == 12) {
+    else if (field == 12)
       counts.major_faults = whole_number<std::uint64_t>(text);
-    }
   }
 }
 
@@ -119,9 +115,7 @@ CoreCounts count_core(pid_t spine, const wire::RobotInfo& info) {
   CoreCounts counts;
   counts.t_ns = monotonic_ns();
   read_interrupts(read("/proc/interrupts"), info.cpu_spine, counts);
-  if (info.tid_spine != 0) {
-    read_faults(read(fmt::format("/proc/{}/task/{}/stat", spine, info.tid_spine)), counts);
-  }
+  if (info.tid_spine != 0) read_faults(read(fmt::format("/proc/{}/task/{}/stat", spine, info.tid_spine)), counts);
   return counts;
 }
 

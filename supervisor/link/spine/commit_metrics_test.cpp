@@ -118,11 +118,9 @@ TEST_F(LookAround, OneThatIsLongPastHasNothingLeftToSee) {
   EXPECT_EQ(seen["after"]["ticks"], 0);
   EXPECT_TRUE(seen["first_call_ns"].is_null());
   EXPECT_TRUE(seen["lost_ticks"].is_null()) << "not 0: nobody knows";
-  for (const char* side : {"before", "after"}) {
-    for (const char* what : {"release_jitter", "handoff", "largest_step_nm", "slew_bound_nm", "step_joint"}) {
+  for (const char* side : {"before", "after"})
+    for (const char* what : {"release_jitter", "handoff", "largest_step_nm", "slew_bound_nm", "step_joint"})
       EXPECT_TRUE(seen[side][what].is_null()) << side << " " << what;
-    }
-  }
 }
 
 TEST_F(LookAround, ARecordThatIsTornDoesNotHideWhatComesAfterIt) {

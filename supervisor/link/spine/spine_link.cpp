@@ -76,9 +76,8 @@ Result<SpineLink> SpineLink::attach(const std::string& robot) {
   if (!control) return control.error();
   ipc::sign_in((*control)->header, monotonic_ns());
   SpineLink link(std::move(*spine), std::move(*control));
-  if (!ipc::ChannelReader<wire::RobotInfo>(link.spine_->robot_info).read(link.info_)) {
+  if (!ipc::ChannelReader<wire::RobotInfo>(link.spine_->robot_info).read(link.info_))
     return Error{fmt::format("the Spine of '{}' has not published what it runs; is it still starting?", robot)};
-  }
   return link;
 }
 
@@ -112,9 +111,8 @@ std::vector<wire::LawInfo> SpineLink::laws() const {
 }
 
 std::optional<wire::LawInfo> SpineLink::law(std::uint32_t law_id) const {
-  for (const wire::LawInfo& info : laws()) {
+  for (const wire::LawInfo& info : laws())
     if (info.law_id == law_id) return info;
-  }
   return std::nullopt;
 }
 
@@ -169,9 +167,8 @@ std::vector<wire::Event> SpineLink::drain_events() {
     wire::Event event;
     // Test empty(), not next(): next() is false also for a record that was overwritten while it was read, and more
     // records may follow.
-    for (std::size_t i = 0; i < depth && !ring.empty(); ++i) {
+    for (std::size_t i = 0; i < depth && !ring.empty(); ++i)
       if (ring.next(event)) events.push_back(event);
-    }
     return events;
   };
   // Read the Loader's ring first. The Loader retires a law after the tick's event about it, so the reason is always
@@ -197,9 +194,8 @@ void SpineLink::release_estop() {
   const std::string robot = text_of(info_.robot);
   const auto lease = ipc::Lease::try_take(Brain::path(robot));
   if (lease && *lease) {
-    if (const auto brain = Brain::attach(robot, ipc::Access::write)) {
+    if (const auto brain = Brain::attach(robot, ipc::Access::write))
       ipc::store_word((*brain)->estop.value, 0, std::memory_order_release);
-    }
   }
 }
 

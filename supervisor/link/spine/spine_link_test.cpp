@@ -69,9 +69,7 @@ TEST_F(SpineLinkTest, NoLawIsSeenRetiredBeforeItsRollback) {
     ipc::RingWriter<wire::Event, wire::spine_segment::kEventsTickDepth> tick((*spine_)->events_tick);
     ipc::RingWriter<wire::Event, wire::spine_segment::kEventsLoaderDepth> loader((*spine_)->events_loader);
     for (std::int64_t law = 1; law <= kLaws; ++law) {
-      while (law - retired > 30) {
-        std::this_thread::yield();
-      }
+      while (law - retired > 30) std::this_thread::yield();
       tick.push(event(EventKind::law_rolled_back, 2 * law));
       loader.push(event(EventKind::law_retired, 2 * law + 1));
     }

@@ -33,11 +33,10 @@ Error cannot_write(const fs::path& path) {
 // of the last seconds; their hashes show it.
 std::error_code put_in_place(const fs::path& draft, const fs::path& path) {
   std::error_code failure;
-  if (::renameat2(AT_FDCWD, draft.c_str(), AT_FDCWD, path.c_str(), RENAME_EXCHANGE) == 0) {
+  if (::renameat2(AT_FDCWD, draft.c_str(), AT_FDCWD, path.c_str(), RENAME_EXCHANGE) == 0)
     fs::remove(draft, failure);
-  } else {  // the first one, or a file system that cannot exchange
+  else  // the first one, or a file system that cannot exchange
     fs::rename(draft, path, failure);
-  }
   return failure;
 }
 
@@ -70,9 +69,8 @@ std::string string_of(const std::string& line, const char* key) {
 std::string hash_before_last(const fs::path& chain, const std::string& name) {
   std::string last, before;
   std::ifstream file(chain, std::ios::binary);
-  for (std::string line; std::getline(file, line);) {
+  for (std::string line; std::getline(file, line);)
     if (string_of(line, "file") == name) before = std::exchange(last, string_of(line, "sha256"));
-  }
   return before;
 }
 
@@ -160,10 +158,9 @@ Result<> RecordBook::open() {
         fmt::format("cannot create {}: {}; free space there or set LITHE_OUT_DIR", dir_.string(), failure.message())};
   }
   int highest = 0;
-  for (const auto& entry : fs::directory_iterator(dir_, failure)) {
+  for (const auto& entry : fs::directory_iterator(dir_, failure))
     if (entry.path().extension() == ".json")
       highest = std::max(highest, leading_number<int>(entry.path().stem().string()));
-  }
   next_ = std::max(highest, used_) + 1;
   return find_end();
 }
@@ -209,9 +206,7 @@ void RecordBook::notice_removal() {
   std::error_code failure;
   if (last_line_.empty() || fs::exists(dir_, failure) || failure) return;
   fs::create_directories(dir_, failure);
-  if (failure) {
-    return;  // reported by the write
-  }
+  if (failure) return;  // reported by the write
   ++folders_;
   last_line_.clear();
   line_is_cut_ = false;
@@ -236,9 +231,8 @@ Result<> RecordBook::put(const Page& page, Json certificate) {
     fs::remove(*draft, failure);
     return added;
   }
-  if (const auto failed = put_in_place(*draft, page.path)) {
+  if (const auto failed = put_in_place(*draft, page.path))
     return Error{fmt::format("cannot rename {}: {}", draft->string(), failed.message())};
-  }
   return done();
 }
 
@@ -291,33 +285,30 @@ Chain verify_chain(const fs::path& dir) {
   const auto problem = [&](const char* what, const std::string& file, std::size_t line, const char* words) {
     chain.problems.push_back({what, file, line, fmt::format("{} {}", file, words)});
   };
-  for (const auto& [name, found] : files) {
+  for (const auto& [name, found] : files)
     if (!lines.contains(name)) problem("extra", name, 0, "is not in the chain");
-  }
   chain.certificates = lines.size();
   for (const auto& [name, writings] : lines) {
     const auto found = files.find(name);
     const bool there = found != files.end();
     const Fits how = fits(there ? found->second.hash : "", writings, known);
     const auto carries = [&](const Writing& w) { return w.previous == found->second.previous; };
-    if (how == Fits::cut) {
+    if (how == Fits::cut)
       ++chain.cut;
-    } else if (!there) {
+    else if (!there)
       problem("missing", name, writings.back().line, "is missing");
-    } else if (how == Fits::no) {
+    else if (how == Fits::no)
       problem("changed", name, writings.back().line, "is not what was written last");
-    } else if (std::none_of(writings.begin(), writings.end(), carries)) {
+    else if (std::none_of(writings.begin(), writings.end(), carries))
       problem("order", name, writings.front().line, "does not carry the hash of what came before it");
-    }
   }
   return chain;
 }
 
 Json Chain::to_json() const {
   Json list = Json::array();
-  for (const ChainProblem& each : problems) {
+  for (const ChainProblem& each : problems)
     list.push_back({{"what", each.what}, {"file", each.file}, {"line", each.line}, {"text", each.text}});
-  }
   return {{"holds", problems.empty()},
           {"certificates", certificates},
           {"writings", writings},

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The certificates a robot's swaps leave on disk: <dir>/0001.json, 0002.json ... and <dir>/chain.jsonl, which binds
-// them (verify_chain() checks it). Beside each is the text of its law, 0001.cpp, as it was sent; the certificate has its
-// hash.
+// them (verify_chain() checks it). Beside each is the text of its law, 0001.cpp, as it was sent; the certificate has
+// its hash.
 //
 // A certificate goes on changing while its law lives (committed, measured, confirmed, rolled back, retired), so the
 // chain contains writings, not files. Each writing adds a line to chain.jsonl:
@@ -39,8 +39,8 @@ class RecordBook {
     int folder = 0;              // which of the folders it was written to: see begun_anew()
   };
 
-  // Writes a new file, and the law's text beside it unless that is empty. On a full disk it returns an Error; the caller
-  // warns and continues.
+  // Writes a new file, and the law's text beside it unless that is empty. On a full disk it returns an Error; the
+  // caller warns and continues.
   Result<Page> write(const Json& certificate, const std::string& source = "");
   // Replaces a file of write() atomically.
   Result<> rewrite(const Page& page, const Json& certificate) { return put(page, certificate); }

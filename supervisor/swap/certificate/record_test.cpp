@@ -167,9 +167,7 @@ TEST_F(LateTest, WritesTheNewestTextOnceThereIsRoomAndKeepsTheChain) {
 }
 
 TEST_F(LateTest, HoldsABoundedNumberAndTheNewestOfThem) {
-  for (std::uint64_t id = 1; id <= LateRecords::kMost + 5; ++id) {
-    late_.hold(id, {{"verdict", std::to_string(id)}});
-  }
+  for (std::uint64_t id = 1; id <= LateRecords::kMost + 5; ++id) late_.hold(id, {{"verdict", std::to_string(id)}});
   EXPECT_EQ(late_.waiting(), LateRecords::kMost);
   fs::remove(way_);
   late_.retry(book_, 1);
@@ -205,24 +203,19 @@ class ChainTest : public testing::Test {
   // "changed 0002.json, order 0001.json"
   std::string problems() const {
     std::string all;
-    for (const ChainProblem& each : verify_chain(dir_).problems) {
+    for (const ChainProblem& each : verify_chain(dir_).problems)
       all += (all.empty() ? "" : ", ") + each.what + " " + each.file;
-    }
     return all;
   }
   std::vector<std::string> lines() const {
     std::istringstream text(text_of(dir_ / kChain));
     std::vector<std::string> all;
-    for (std::string line; std::getline(text, line);) {
-      all.push_back(line);
-    }
+    for (std::string line; std::getline(text, line);) all.push_back(line);
     return all;
   }
   void write_lines(const std::vector<std::string>& lines) const {
     std::ofstream file(dir_ / kChain);
-    for (const std::string& each : lines) {
-      file << each << '\n';
-    }
+    for (const std::string& each : lines) file << each << '\n';
   }
   fs::path dir_;
 };
@@ -321,9 +314,7 @@ TEST_F(ChainTest, ABookThatWritesMeanwhileIsNoForger) {
     stop = true;
   });
   std::string seen;
-  while (!stop && seen.empty()) {
-    seen = problems();
-  }
+  while (!stop && seen.empty()) seen = problems();
   stop = true;
   writer.join();
   EXPECT_EQ(seen, "");

@@ -210,9 +210,8 @@ std::int64_t Transaction::time_of(Stage stage) const {
 
 const char* Transaction::verdict() const {
   if (refusal_) return outcome_is_known() ? "refused" : "not_confirmed";
-  for (const Stage each : {Stage::measured, Stage::rolled_back, Stage::confirmed, Stage::unproven, Stage::committed}) {
+  for (const Stage each : {Stage::measured, Stage::rolled_back, Stage::confirmed, Stage::unproven, Stage::committed})
     if (reached(each)) return to_string(each);
-  }
   return to_string(Stage::submitted);
 }
 
@@ -238,9 +237,8 @@ Json Transaction::split_ms() const {
 Json Transaction::times_ns() const {
   Json times = {{"submitted", steps_.front().t_ns}};
   if (started_ns_ != 0) times["started"] = started_ns_;
-  for (std::size_t i = 1; i < steps_.size(); ++i) {
+  for (std::size_t i = 1; i < steps_.size(); ++i)
     times[steps_[i].stage == Stage::refused ? verdict() : to_string(steps_[i].stage)] = steps_[i].t_ns;
-  }
   return times;
 }
 
@@ -265,9 +263,8 @@ Json Transaction::certificate() const {
   out["split_ms"] = split_ms();
   out["times_ns"] = times_ns();
   Json reasons = Json::object();
-  for (const Step& each : steps_) {
+  for (const Step& each : steps_)
     if (!each.reason.empty()) reasons[to_string(each.stage)] = each.reason;
-  }
   out["reasons"] = std::move(reasons);
   out["terms"] = request_.terms.to_json();
   if (!request_.params.empty()) {
@@ -291,28 +288,25 @@ Json summary_of(const Json& certificate) {
     if (certificate.contains(key)) out[key] = certificate[key];
   }
   if (certificate.contains("state_not_carried")) out["state_not_carried"] = certificate["state_not_carried"]["fields"];
-  if (const Json trial = certificate.value("trial", Json::object()); !trial.value("warnings", Json::array()).empty()) {
+  if (const Json trial = certificate.value("trial", Json::object()); !trial.value("warnings", Json::array()).empty())
     out["warnings"] = trial["warnings"];
-  }
   // Old law beside new; the certificate has the rest.
   if (const Json control = certificate.value("control", Json::object()); !control.empty()) {
     for (const Json& joint : control.value("joints", Json::array())) {
       Json rms = Json::array();
-      for (const char* side : {"before", "after"}) {
+      for (const char* side : {"before", "after"})
         rms.push_back(joint[side].is_object() ? joint[side]["rms_error_rad"] : Json(nullptr));
-      }
       out["rms_error_rad"][joint.value("joint", "?")] = std::move(rms);
     }
   }
   if (certificate.contains("cleaned")) out["cleaned"] = certificate["cleaned"];
   const Json reasons = certificate.value("reasons", Json::object());
-  if (certificate.contains("error")) {
+  if (certificate.contains("error"))
     out["reason"] = certificate["error"].value("message", "");
-  } else if (reasons.contains("rolled_back")) {
+  else if (reasons.contains("rolled_back"))
     out["reason"] = reasons["rolled_back"];
-  } else if (certificate.value("verdict", "") == "unproven") {
+  else if (certificate.value("verdict", "") == "unproven")
     out["reason"] = reasons.value("unproven", "");
-  }
   return out;
 }
 

@@ -36,12 +36,8 @@ Transaction at(Stage stage) {
   swap.mark_started(2'000'000);
   std::int64_t now_ns = 2'000'000;
   for (const Stage each : kWay) {
-    if (each != Stage::submitted) {
-      EXPECT_TRUE(go(swap, each, now_ns += 1'000'000)) << to_string(each);
-    }
-    if (each == stage) {
-      break;
-    }
+    if (each != Stage::submitted) EXPECT_TRUE(go(swap, each, now_ns += 1'000'000)) << to_string(each);
+    if (each == stage) break;
   }
   return swap;
 }
@@ -66,9 +62,7 @@ TEST(Transaction, WalksTheWholeWayAndKeepsEachTimeAndReason) {
 TEST(Transaction, TheSplitAddsUpToTheWhole) {
   const Json record = at(Stage::committed).certificate();
   double sum_ms = 0;
-  for (const auto& [stage, part_ms] : record["split_ms"].items()) {
-    sum_ms += part_ms.get<double>();
-  }
+  for (const auto& [stage, part_ms] : record["split_ms"].items()) sum_ms += part_ms.get<double>();
   EXPECT_DOUBLE_EQ(sum_ms, record["requested_to_committed_ms"].get<double>());
   EXPECT_TRUE(record["split_ms"].contains("tried"));
   EXPECT_DOUBLE_EQ(record["load_ms"].get<double>(),

@@ -70,9 +70,8 @@ inline std::vector<std::string> user_words(Dice& dice, bool quoted) {
   if (quoted && dice.once_in(3)) words.push_back("dyndbg=\"file a.c +p\"");
   if (quoted && dice.once_in(5)) words.push_back("\"title=two words\"");
   const bool isolated = dice.once_in(6);
-  for (const Flag& flag : kWanted) {
+  for (const Flag& flag : kWanted)
     if (flag.isolates ? isolated : dice.once_in(6)) words.push_back(flag.text());
-  }
   std::shuffle(words.begin(), words.end(), std::minstd_rand(static_cast<unsigned>(dice.below(1000))));
   return words;
 }
@@ -106,9 +105,8 @@ inline Boot extlinux(Dice& dice) {
     const std::string word = dice.once_in(4) ? "append" : "APPEND";
     lines.insert(lines.begin() + static_cast<std::ptrdiff_t>(at), indent + word + dice.of(kBlanks) + user_line(dice));
     boot.text += "LABEL label" + std::to_string(label) + "\n";
-    if (label == chosen) {
+    if (label == chosen)
       boot.meant = static_cast<std::size_t>(std::count(boot.text.begin(), boot.text.end(), '\n')) + at;
-    }
     for (const std::string& line : lines) boot.text += line + "\n";
   }
   if (dice.once_in(3)) boot.text.pop_back();
@@ -117,13 +115,11 @@ inline Boot extlinux(Dice& dice) {
 
 inline std::vector<std::string> split_lines(const std::string& text) {
   std::vector<std::string> lines(1);
-  for (const char c : text) {
-    if (c == '\n') {
+  for (const char c : text)
+    if (c == '\n')
       lines.emplace_back();
-    } else {
+    else
       lines.back() += c;
-    }
-  }
   return lines;
 }
 
@@ -165,9 +161,8 @@ inline std::string violation(const Boot& boot, const std::string& after) {
   const std::vector<std::string> old_lines = split_lines(boot.text);
   const std::vector<std::string> new_lines = split_lines(after);
   if (old_lines.size() != new_lines.size()) return "another number of lines";
-  for (std::size_t i = 0; i < old_lines.size(); ++i) {
+  for (std::size_t i = 0; i < old_lines.size(); ++i)
     if (i != boot.meant && old_lines[i] != new_lines[i]) return "line " + std::to_string(i + 1) + " changed";
-  }
   const std::string& old_line = old_lines[boot.meant];
   const std::string& new_line = new_lines[boot.meant];
   const auto differ = std::mismatch(old_line.begin(), old_line.end(), new_line.begin(), new_line.end()).first;

@@ -30,9 +30,8 @@ class Out {
   }
   // As many whole bytes as the number needs, at least `least`.
   void number(std::uint32_t value, unsigned least) LITHE_RT {
-    for (unsigned bytes = 4; bytes > 0; --bytes) {
+    for (unsigned bytes = 4; bytes > 0; --bytes)
       if (bytes <= least || value >> (8 * (bytes - 1)) != 0) hex(static_cast<std::uint8_t>(value >> (8 * (bytes - 1))));
-    }
   }
   std::string_view text() const LITHE_RT { return {buffer_.data(), size_}; }
   std::size_t length() const LITHE_RT { return fits_ ? size_ : 0; }

@@ -122,9 +122,8 @@ void SimFdcanusb::configure(std::string_view words, std::string& out) {
   const bool every = verb == "enumerate";
   if (every) {
     if (!words.empty() && words != "can") return say("ERR unknown group", out);
-    for (std::size_t i = 0; i < kSettings; ++i) {
+    for (std::size_t i = 0; i < kSettings; ++i)
       say("can." + std::string(kTable[i].name) + " " + shown(settings_[i]), out);
-    }
     return say("OK", out);
   }
   if (verb != "get" && verb != "set") return say("ERR unknown subcommand", out);

@@ -43,9 +43,8 @@ class BoardImu final : public SensorDevice {
   void on_frame(const Frame& /*frame*/, std::int64_t /*now_ns*/) LITHE_RT override {}
   bool read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT override {
     const ImuReading& reading = source_.imu(now_ns);
-    if (!reading.valid || block != Block::imu || channel >= kImuChannels || now_ns - reading.taken_ns > stale_ns_) {
+    if (!reading.valid || block != Block::imu || channel >= kImuChannels || now_ns - reading.taken_ns > stale_ns_)
       return false;
-    }
     raw = reading.value[channel];
     return true;
   }

@@ -49,9 +49,8 @@ constexpr std::array<Speed, 10> kSpeeds{{{115'200, B115200},
 
 // 0: no such baud rate.
 speed_t speed_of(std::uint32_t baud) {
-  for (const Speed& speed : kSpeeds) {
+  for (const Speed& speed : kSpeeds)
     if (speed.baud == baud) return speed.code;
-  }
   return B0;
 }
 

@@ -28,9 +28,8 @@ constexpr std::array<Speed, 10> kSpeeds{{{10'000, '0'},
 constexpr std::array<Speed, 2> kDataSpeeds{{{2'000'000, '2'}, {5'000'000, '5'}}};
 
 constexpr char digit_of(std::span<const Speed> speeds, std::uint32_t bitrate) LITHE_RT {
-  for (const Speed& speed : speeds) {
+  for (const Speed& speed : speeds)
     if (speed.bitrate == bitrate) return speed.digit;
-  }
   return '\0';
 }
 
@@ -199,9 +198,8 @@ char data_bitrate_digit(std::uint32_t bitrate) LITHE_RT { return digit_of(kDataS
 
 Request parse_request(std::string_view line, Frame& frame) LITHE_RT {
   if (line.empty()) return Request::malformed;
-  if (is_one_of(line.front(), "tTdDbB")) {
+  if (is_one_of(line.front(), "tTdDbB"))
     return parse_data_frame(line, false, frame) ? Request::send : Request::malformed;
-  }
   if (is_one_of(line.front(), "rR")) return is_remote_frame(line, false) ? Request::remote : Request::malformed;
   const char letter = take(line, 1).front();
   return line.empty() ? parse_letter(letter) : parse_setting(letter, line);

@@ -118,9 +118,7 @@ void SocketCanBus::service() {
 
 std::string SocketCanBus::why_down() const {
   const int error = link_.lost();
-  if (error == 0 && bus_off_.load(std::memory_order_relaxed)) {
-    return interface_ + ": " + advice_for_bus_off(interface_);
-  }
+  if (error == 0 && bus_off_.load(std::memory_order_relaxed)) return interface_ + ": " + advice_for_bus_off(interface_);
   if (error == 0 && stuck_.load(std::memory_order_relaxed)) {
     return interface_ +
            ": commands are not sent: they are not acknowledged, or the bus is too busy; check the drives' " +

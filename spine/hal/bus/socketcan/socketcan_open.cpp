@@ -32,20 +32,16 @@ Error wrong(const SocketCanParams& params, const std::string& what) { return Err
 // The interface's index; or why it cannot be used as configured.
 Result<int> find_interface(int socket, const SocketCanParams& params) {
   ifreq request{};
-  if (params.interface.empty() || params.interface.size() >= sizeof request.ifr_name) {
+  if (params.interface.empty() || params.interface.size() >= sizeof request.ifr_name)
     return wrong(params, "is no name of an interface; `ip -br link` lists them");
-  }
   std::memcpy(request.ifr_name, params.interface.c_str(), params.interface.size());
-  if (ioctl(socket, SIOCGIFINDEX, &request) != 0) {
+  if (ioctl(socket, SIOCGIFINDEX, &request) != 0)
     return wrong(params, "no such interface; plug the adapter in, or name one that `ip -br link` lists");
-  }
   const int index = request.ifr_ifindex;
-  if (ioctl(socket, SIOCGIFHWADDR, &request) != 0 || request.ifr_hwaddr.sa_family != ARPHRD_CAN) {
+  if (ioctl(socket, SIOCGIFHWADDR, &request) != 0 || request.ifr_hwaddr.sa_family != ARPHRD_CAN)
     return wrong(params, "is no CAN interface; name one that `ip -br link show type can` lists");
-  }
-  if (ioctl(socket, SIOCGIFFLAGS, &request) != 0 || (request.ifr_flags & IFF_UP) == 0) {
+  if (ioctl(socket, SIOCGIFFLAGS, &request) != 0 || (request.ifr_flags & IFF_UP) == 0)
     return wrong(params, "is down: " + bring_up(params));
-  }
   if ((request.ifr_flags & IFF_RUNNING) == 0) return wrong(params, advice_for_bus_off(params.interface));
   if (params.data_bitrate > 0 && (ioctl(socket, SIOCGIFMTU, &request) != 0 || request.ifr_mtu < int{CANFD_MTU})) {
     return wrong(params, "carries classic CAN only: sudo ip link set " + params.interface + " down && " +
@@ -78,9 +74,8 @@ SocketCanBus::Carrier look_at_carrier(const std::string& interface) {
 
 Result<Descriptor> open_can_socket(const SocketCanParams& params) {
   Descriptor opened(::socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW));
-  if (!opened.is_open() && (errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT)) {
+  if (!opened.is_open() && (errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT))
     return wrong(params, "this kernel has no CAN: sudo modprobe can_raw");
-  }
   if (!opened.is_open()) return wrong(params, std::string("no socket: ") + std::strerror(errno));
   const Result<int> index = find_interface(opened.get(), params);
   if (!index) return index.error();
@@ -91,9 +86,8 @@ Result<Descriptor> open_can_socket(const SocketCanParams& params) {
   sockaddr_can address{};
   address.can_family = AF_CAN;
   address.can_ifindex = *index;
-  if (bind(opened.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+  if (bind(opened.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
     return wrong(params, std::string("cannot be used: ") + std::strerror(errno) + "; " + bring_up(params));
-  }
   return opened;
 }
 

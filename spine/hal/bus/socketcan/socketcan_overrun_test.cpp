@@ -32,9 +32,8 @@ TEST(SocketCanOverrun, WhatTheKernelDropsBecauseNobodyReadsIsCounted) {
   Descriptor near(reader);
   std::array<std::uint32_t, 16> memory{};
   socklen_t bytes = sizeof memory;
-  if (getsockopt(reader, SOL_SOCKET, SO_MEMINFO, memory.data(), &bytes) != 0) {
+  if (getsockopt(reader, SOL_SOCKET, SO_MEMINFO, memory.data(), &bytes) != 0)
     GTEST_SKIP() << "this system does not count what it drops (qemu-user)";
-  }
   auto opened = SocketCanBus::open(
       {"can7", 1'000'000, 0}, [&near]() -> Result<Descriptor> { return std::move(near); },
       [] { return SocketCanBus::Carrier::unknown; });
@@ -46,9 +45,8 @@ TEST(SocketCanOverrun, WhatTheKernelDropsBecauseNobodyReadsIsCounted) {
   raw.can_id = 0x101;
   raw.len = 8;
   constexpr std::uint64_t kSaid = 5'000;  // its room is for a few hundred
-  for (std::uint64_t i = 0; i < kSaid; ++i) {
+  for (std::uint64_t i = 0; i < kSaid; ++i)
     ASSERT_EQ(far.write(std::as_bytes(std::span(&raw, 1)).first(CAN_MTU)).bytes, std::size_t{CAN_MTU});
-  }
   Frame frame;
   while (bus.receive(frame)) {
   }

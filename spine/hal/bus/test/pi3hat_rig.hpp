@@ -50,9 +50,8 @@ class BoardPort final : public Pi3hatPort {
     pass_time();
     received_ = received;
     count_ = 0;
-    for (std::size_t i = 0; i < board_.unknown_connectors && count_ < received.size(); ++i) {
+    for (std::size_t i = 0; i < board_.unknown_connectors && count_ < received.size(); ++i)
       received[count_++] = {static_cast<std::uint32_t>(i % 2 == 0 ? 0 : 77), false, {}};
-    }
     for (std::size_t processor = 0; processor < kProcessors; ++processor) read(processor, kMostRead);
     std::array<std::size_t, kProcessors> awaited{};
     for (const Pi3hatFrame& each : order.send) {
@@ -77,15 +76,13 @@ class BoardPort final : public Pi3hatPort {
       for (LoopBus& line : board_.lines) line.begin(board_.now_ns);
       hear();
     }
-    for (std::size_t i = 0; i < kPi3hatConnectors; ++i) {
+    for (std::size_t i = 0; i < kPi3hatConnectors; ++i)
       for (bool more = next_tick || !board_.slow; more && board_.wire[i].size() > 0; more = next_tick) arrive(i);
-    }
   }
   void hear() LITHE_RT {
     Frame frame;
-    for (std::size_t i = 0; i < kPi3hatConnectors; ++i) {
+    for (std::size_t i = 0; i < kPi3hatConnectors; ++i)
       while (board_.lines[i].receive(frame)) board_.wire[i].push(frame);
-    }
   }
   void arrive(std::size_t i) LITHE_RT {
     board_.arrived[i].push(*board_.wire[i].front());

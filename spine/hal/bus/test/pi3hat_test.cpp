@@ -40,9 +40,8 @@ class Pi3hat : public testing::Test {
     auto made = sim::make_nodes(config);
     ASSERT_TRUE(made) << made.message();
     board_.nodes = std::move(*made);
-    for (std::size_t i = 0; i < config.buses.size(); ++i) {
+    for (std::size_t i = 0; i < config.buses.size(); ++i)
       board_.nodes.attach(config, i, board_.lines[config.buses[i].connector - 1]);
-    }
     auto opened = open_actuators(config, {.pi3hat = std::make_unique<BoardPort>(board_)});
     ASSERT_TRUE(opened) << opened.message();
     actuators_ = std::move(*opened);
@@ -88,9 +87,8 @@ TEST_F(Pi3hat, TorqueOnOneJointMovesThatJointAndNoOther) {
   command_.max_torque_nm.fill(9.0);
   command_.torque_nm[7] = 3.0;
   tick(200);
-  for (std::size_t i = 0; i < 12; ++i) {
+  for (std::size_t i = 0; i < 12; ++i)
     EXPECT_EQ(std::abs(state_.position_rad[i]) > 0.02, i == 7) << i << " is at " << state_.position_rad[i];
-  }
 }
 
 TEST_F(Pi3hat, ADriveThatIsLostIsNotWaitedForInEveryTick) {

@@ -82,9 +82,8 @@ class TestPty {
   std::string heard() {
     std::string all;
     std::array<char, 4096> part{};
-    for (ssize_t size = 0; (size = read(master_, part.data(), part.size())) > 0;) {
+    for (ssize_t size = 0; (size = read(master_, part.data(), part.size())) > 0;)
       all.append(part.data(), static_cast<std::size_t>(size));
-    }
     return all;
   }
   // The same, until the text ends with this.

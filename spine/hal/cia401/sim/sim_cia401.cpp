@@ -37,16 +37,13 @@ SimCia401::SimCia401(std::uint32_t node, const cia401::Inputs& inputs) : SdoServ
     objects_.add(common::kTpdo1 + i, 1, 4, kWritable, cob::kOff | cia401::pdo_id(i, node));
     objects_.add(common::kTpdo1 + i, 2, 1, kWritable, 255);
     objects_.add(common::kTpdo1 + i, kEventTimerMs, 2, kWritable, 0);
-    for (std::uint8_t n = 0; n <= canopen::PdoMap::kMost; ++n) {
+    for (std::uint8_t n = 0; n <= canopen::PdoMap::kMost; ++n)
       objects_.add(common::kTpdo1Mapping + i, n, n == 0 ? 1 : 4, kWritable, 0);
-    }
   }
-  for (std::uint32_t i = 0; 8 * i < inputs.digital; ++i) {
+  for (std::uint32_t i = 0; 8 * i < inputs.digital; ++i)
     objects_.add(object::kDigitalInputs, static_cast<std::uint8_t>(1 + i), 1, kReadOnly, 0);
-  }
-  for (std::uint32_t i = 0; i < inputs.analog; ++i) {
+  for (std::uint32_t i = 0; i < inputs.analog; ++i)
     objects_.add(object::kAnalogInputs, static_cast<std::uint8_t>(1 + i), 2, kReadOnly, 0);
-  }
   objects_.add(object::kAnalogInterrupt, 0, 1, kWritable, 0);
 }
 

@@ -124,9 +124,7 @@ void Cia402Dictionary::add_motion() {
   add(object::kPositionLimit, 2, 4, kWritable, 0);
   // Profile velocity, acceleration, deceleration and their largest values: stored only; their modes are not simulated.
   constexpr std::array<std::uint16_t, 5> kProfile{object::kMaxProfileVelocity, 0x6080, 0x6081, 0x6083, 0x6084};
-  for (const std::uint16_t index : kProfile) {
-    add(index, 0, 4, kWritable, 0xffff'ffff);
-  }
+  for (const std::uint16_t index : kProfile) add(index, 0, 4, kWritable, 0xffff'ffff);
   add(object::kInterpolation, 0, 1, kReadOnly, 2);
   add(object::kInterpolation, 1, 1, kWritable, 1);
   add(object::kInterpolation, 2, 1, kWritable, static_cast<std::uint8_t>(-3));

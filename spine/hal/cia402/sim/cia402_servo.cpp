@@ -101,9 +101,8 @@ void Cia402Servo::begin_ramp() LITHE_RT {
 void Cia402Servo::sync() LITHE_RT {
   if (state_ != State::operation_enabled || inputs_.mode != Mode::position) return;
   std::int64_t target = std::int64_t{inputs_.target_position} + inputs_.position_offset;
-  if (inputs_.position_min < inputs_.position_max) {
+  if (inputs_.position_min < inputs_.position_max)
     target = std::clamp(target, std::int64_t{inputs_.position_min}, std::int64_t{inputs_.position_max});
-  }
   goal_rev_ = static_cast<double>(target) / params_.counts_per_rev;
   goal_ns_ = time_ns_ + inputs_.period_ns;
 }

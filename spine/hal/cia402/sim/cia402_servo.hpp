@@ -44,8 +44,8 @@ struct Cia402Inputs {
   std::int64_t period_ns = 1'000'000;  // over which a new position is reached
 };
 
-// Modes 8, 9 and 10. Positions, velocities and stops on a ramp use one loop: a moving setpoint, with stiffness and damping
-// towards it that follow from the inertia.
+// Modes 8, 9 and 10. Positions, velocities and stops on a ramp use one loop: a moving setpoint, with stiffness and
+// damping towards it that follow from the inertia.
 // Contract: as CoupledDrive
 class Cia402Servo final : public CoupledDrive {
  public:

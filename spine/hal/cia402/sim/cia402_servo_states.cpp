@@ -72,15 +72,13 @@ void Cia402Servo::fail(std::uint16_t code, bool stays) LITHE_RT {
 }
 
 void Cia402Servo::cause_gone(std::uint16_t code) LITHE_RT {
-  for (std::uint16_t& cause : causes_) {
+  for (std::uint16_t& cause : causes_)
     if (code == 0 || cause == code) cause = 0;
-  }
 }
 
 void Cia402Servo::find_causes() LITHE_RT {
-  for (const std::uint16_t cause : causes_) {
+  for (const std::uint16_t cause : causes_)
     if (cause != 0) return fail(cause, true);
-  }
 }
 
 void Cia402Servo::connection_lost(std::int32_t option, std::uint16_t code) LITHE_RT {

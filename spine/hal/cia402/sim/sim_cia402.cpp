@@ -205,9 +205,8 @@ void SimCia402::on_nmt(const Frame& frame) LITHE_RT {
       for (SimPdo& pdo : transmit_) pdo.never_told = true;
       return;
     case NmtCommand::stop:
-      if (network_state_ == NmtState::operational) {
+      if (network_state_ == NmtState::operational)
         servo_.connection_lost(dictionary_.signed_value(object::kAbortConnection), emergency::kHeartbeatLost);
-      }
       network_state_ = NmtState::stopped;
       return;
     case NmtCommand::enter_pre_operational:
@@ -268,15 +267,12 @@ void SimCia402::apply(const SimPdo& pdo, const Frame& frame) LITHE_RT {
   std::array<std::uint32_t, canopen::PdoMap::kMost> values{};
   if (!pdo.map().unpack(frame, values)) return;
   const std::size_t count = pdo.map().objects().size();
-  for (std::size_t i = 0; i < count; ++i) {
+  for (std::size_t i = 0; i < count; ++i)
     if (dictionary_.writable(pdo.slot(i))) dictionary_.set_raw(pdo.slot(i), values[i]);
-  }
   refresh_inputs();
-  for (std::size_t i = 0; i < count; ++i) {
-    if (pdo.map().objects()[i].address.index == object::kControlword) {
+  for (std::size_t i = 0; i < count; ++i)
+    if (pdo.map().objects()[i].address.index == object::kControlword)
       servo_.control(static_cast<std::uint16_t>(values[i]));
-    }
-  }
 }
 
 void SimCia402::transmit(SimPdo& pdo, std::int64_t now_ns, FrameQueue& answers) LITHE_RT {

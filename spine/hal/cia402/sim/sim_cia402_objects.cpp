@@ -42,9 +42,8 @@ std::uint32_t SimCia402::read_object(Cia402Dictionary::Slot slot) LITHE_RT {
 
 std::uint32_t SimCia402::write_object(Cia402Dictionary::Slot slot, std::uint32_t value) LITHE_RT {
   const Address address = dictionary_.address(slot);
-  if (params_.refuses_while_on && servo_.state() == cia402::State::operation_enabled && is_settled(address.index)) {
+  if (params_.refuses_while_on && servo_.state() == cia402::State::operation_enabled && is_settled(address.index))
     return abort_code::kState;
-  }
   if (is_mapping(address.index) || is_communication(address.index)) {
     const std::uint32_t why = write_pdo(address, value);
     if (why != abort_code::kNone) return why;

@@ -34,9 +34,8 @@ TEST_F(Drive402, EveryObjectOfTheProfileIsThere) {
         0x6083, 0x6084, 0x6085, 0x60b0, 0x60b1, 0x60b2, 0x60e0, 0x60e1, 0x60fd, 0x60ff, 0x6502}) {
     EXPECT_EQ(why_unread(static_cast<std::uint16_t>(index), 0), 0U) << std::hex << index;
   }
-  for (const std::uint32_t index : {0x1016, 0x1018, 0x607d, 0x608f, 0x6091, 0x6092, 0x60c2, 0x60fe}) {
+  for (const std::uint32_t index : {0x1016, 0x1018, 0x607d, 0x608f, 0x6091, 0x6092, 0x60c2, 0x60fe})
     EXPECT_EQ(why_unread(static_cast<std::uint16_t>(index), 1), 0U) << std::hex << index;
-  }
   EXPECT_EQ(read(0x6502), 0x380U);
   EXPECT_EQ(read(0x6076), 1000U);
   EXPECT_EQ(read_text(0x1008), "LITHE simulated CiA 402 drive");

@@ -17,9 +17,8 @@ class Cia402Faults : public Cia402Line {
   // What the drive with address 1 answers to an SDO request for this object is replaced by an abort.
   void abort_object(std::uint16_t index, std::uint32_t code) {
     cables_[0]->back = [index, code](Frame& frame) {
-      if (frame.id == 0x581 && canopen::sdo_address(frame).index == index) {
+      if (frame.id == 0x581 && canopen::sdo_address(frame).index == index)
         frame = canopen::sdo_abort(0x581, canopen::sdo_address(frame), code);
-      }
       return true;
     };
   }
@@ -204,9 +203,7 @@ TEST_F(Cia402Faults, ADriveThatRestartedWhileNobodyHeardItIsFoundAgain) {
 TEST_F(Cia402Faults, OneFrameInTenLostDelaysTheStartAndNothingElse) {
   build({.lost_after_misses = 20});
   std::mt19937 random(3);
-  for (auto& cable : cables_) {
-    cable->there = cable->back = [&random](Frame&) { return random() % 10 != 0; };
-  }
+  for (auto& cable : cables_) cable->there = cable->back = [&random](Frame&) { return random() % 10 != 0; };
   act(DriveAction::off, 20'000);
   act(DriveAction::torque, 50);
   std::uint32_t enabled = 0;

@@ -51,11 +51,10 @@ TEST_P(Cia402TorqueLimits, ThatCannotBeSetAreReadAndChecked) {
     const canopen::Address at = canopen::sdo_address(frame);
     const bool written = frame.data[0] == 0x60;
     const std::uint32_t abort = written ? says.to_write : says.to_read;
-    if (abort != 0) {
+    if (abort != 0)
       frame = canopen::sdo_abort(0x581, at, abort);
-    } else if (!written) {
+    else if (!written)
       frame = canopen::sdo_read_answer(1, at, says.holds, 2);
-    }
     return true;
   };
   act(DriveAction::off, 300);

@@ -101,9 +101,8 @@ void SimGateway::send(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
     put(frame, kHeader + 2, ~unplugged_[static_cast<std::size_t>(turn.block)]);
     size = kHeader + 4;
   } else {
-    for (std::size_t i = 0; i < turn.channels; ++i) {
+    for (std::size_t i = 0; i < turn.channels; ++i)
       put(frame, kHeader + 2 * i, static_cast<std::uint16_t>(word(turn.block, turn.first + i, time_s)));
-    }
   }
   frame.size = static_cast<std::uint8_t>(fd_size(size));
   // Bytes after the last channel of an FD frame are padding.

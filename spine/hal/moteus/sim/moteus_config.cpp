@@ -93,9 +93,8 @@ constexpr std::size_t kPrefix = 1;
 }  // namespace
 
 MoteusConfig::MoteusConfig(const ServoParams& servo, std::uint32_t id) {
-  for (std::size_t i = 0; i < kEntries; ++i) {
+  for (std::size_t i = 0; i < kEntries; ++i)
     factory_[i] = kTable[i].acts != nullptr ? servo.*kTable[i].acts : kTable[i].factory;
-  }
   factory_[kId] = id;
   now_ = stored_ = factory_;
 }
@@ -128,9 +127,8 @@ bool MoteusConfig::set(std::size_t entry, double value) LITHE_RT {
 }
 
 void MoteusConfig::act_on(ServoParams& params) const LITHE_RT {
-  for (std::size_t i = 0; i < kEntries; ++i) {
+  for (std::size_t i = 0; i < kEntries; ++i)
     if (kTable[i].acts != nullptr) params.*kTable[i].acts = now_[i];
-  }
 }
 
 std::uint32_t MoteusConfig::id() const LITHE_RT { return static_cast<std::uint32_t>(now_[kId]); }

@@ -177,9 +177,8 @@ void MoteusConsole::conf_set(std::string_view words, MoteusInside& inside) LITHE
   if (!MoteusConfig::is_group(next_field(group, '.'))) return say("ERR unknown group");
   const std::size_t entry = MoteusConfig::find(name);
   double value = 0;
-  if (entry == MoteusConfig::kNone || !read_number(next_word(words), value) || !inside.config.set(entry, value)) {
+  if (entry == MoteusConfig::kNone || !read_number(next_word(words), value) || !inside.config.set(entry, value))
     return say("ERR error setting");
-  }
   inside.configure();
   say("OK");
 }

@@ -78,9 +78,8 @@ void MoteusConsole::drive(std::string_view words, MoteusInside& inside) LITHE_RT
   }
   if (verb == "dq") {
     ServoCommand command;
-    if (!read_number(next_word(words), command.d_current_a) || !read_number(next_word(words), command.q_current_a)) {
+    if (!read_number(next_word(words), command.d_current_a) || !read_number(next_word(words), command.q_current_a))
       return say("ERR missing d/q current");
-    }
     servo.apply(Mode::current, command);
     return say("OK");
   }

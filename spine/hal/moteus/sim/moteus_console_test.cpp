@@ -72,11 +72,10 @@ TEST(Numbers, ReadWhatPeopleType) {
   for (const auto& [text, expected] : good) {
     double value = 7;
     EXPECT_TRUE(read_number(text, value)) << text;
-    if (std::isfinite(expected)) {
+    if (std::isfinite(expected))
       EXPECT_NEAR(value, expected, 1e-12 * std::abs(expected)) << text;
-    } else {
+    else
       EXPECT_EQ(value, expected) << text;
-    }
   }
   double value = 7;
   EXPECT_TRUE(read_number("NaN", value) && std::isnan(value));

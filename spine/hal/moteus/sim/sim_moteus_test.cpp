@@ -186,14 +186,11 @@ TEST(SimMoteus, EveryRegisterOfTheMapIsThere) {
   const std::pair<std::uint32_t, std::uint32_t> spans[] = {
       {0x000, 0x007}, {0x00a, 0x00f}, {0x01c, 0x01d}, {0x020, 0x02d}, {0x030, 0x034}, {0x038, 0x03d}, {0x040, 0x048},
       {0x050, 0x055}, {0x058, 0x058}, {0x05c, 0x064}, {0x068, 0x06c}, {0x070, 0x07f}, {0x140, 0x141}};
-  for (const auto& [first, last] : spans) {
-    for (std::uint32_t number = first; number <= last; ++number) {
+  for (const auto& [first, last] : spans)
+    for (std::uint32_t number = first; number <= last; ++number)
       EXPECT_EQ(bench.exchange({}, {number}).count(number), 1U) << number;
-    }
-  }
-  for (const std::uint32_t number : {0x008U, 0x009U, 0x035U, 0x049U, 0x056U, 0x059U, 0x065U, 0x06dU, 0x103U, 0x159U}) {
+  for (const std::uint32_t number : {0x008U, 0x009U, 0x035U, 0x049U, 0x056U, 0x059U, 0x065U, 0x06dU, 0x103U, 0x159U})
     EXPECT_EQ(bench.exchange({}, {number}).count(number), 0U) << number;
-  }
 }
 
 TEST(SimMoteus, OutputsAreKeptAndInputsFollowThem) {

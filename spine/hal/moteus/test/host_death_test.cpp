@@ -98,9 +98,7 @@ TEST(HostDeath, WithoutDampingInTheLastCommandItFalls) {
 }
 
 TEST(HostDeath, TheEmergencyStopDampsAlike) {
-  for (const double drive_kd : {0.02, 0.5}) {
-    EXPECT_LT(LevelArm(kSafeKd, drive_kd).peak_when_damped(), kMglNm / kSafeKd);
-  }
+  for (const double drive_kd : {0.02, 0.5}) EXPECT_LT(LevelArm(kSafeKd, drive_kd).peak_when_damped(), kMglNm / kSafeKd);
 }
 
 }  // namespace

@@ -159,9 +159,8 @@ TEST(MoteusSetup, ADriveThatGoesOnWithoutAHostIsCommandedOnlyWhereTheRobotFilePe
     EXPECT_EQ(line.mode(), may ? 10U : 0U);
     if (may) continue;
     const std::string why = line.moteus->why_not_ready();
-    for (const char* part : {"servo.timeout_mode is 10", "conf set servo.timeout_mode 12", "may_hold_alone = true"}) {
+    for (const char* part : {"servo.timeout_mode is 10", "conf set servo.timeout_mode 12", "may_hold_alone = true"})
       EXPECT_NE(why.find(part), std::string::npos) << why;
-    }
   }
 }
 
@@ -203,9 +202,8 @@ TEST(MoteusSetup, WhatSomebodyMendsIsNoticed) {
 TEST(MoteusSetup, AnotherRegisterMapIsNamedAndNeverCommanded) {
   MoteusLine line(MoteusLine::asking());
   line.node.back = [](Frame& frame) LITHE_RT {
-    for (std::size_t i = 0; i + 7 <= frame.size; ++i) {
+    for (std::size_t i = 0; i + 7 <= frame.size; ++i)
       if (frame.data[i] == 0x29 && frame.data[i + 1] == 0x82 && frame.data[i + 2] == 0x02) frame.data[i + 3] = 4;
-    }
     return true;
   };
   line.act(DriveAction::torque, 100);

@@ -49,9 +49,8 @@ class Bench {
     frame.id = id;
     frame.extended = frame.fd = frame.brs = true;
     SubframeWriter writer(frame);
-    for (const auto& [number, value] : writes) {
+    for (const auto& [number, value] : writes)
       writer.write(number == reg::kMode ? Format::int8 : Format::float32, number, std::array{value});
-    }
     for (const std::uint32_t number : reads) writer.read(Format::float32, number, 1);
     writer.pad();
     EXPECT_TRUE(writer.ok());
@@ -66,9 +65,8 @@ class Bench {
       last_ = frame;
       SubframeReader reader(frame.payload());
       Subframe s;
-      while (reader.next(s)) {
+      while (reader.next(s))
         for (std::uint32_t i = 0; s.kind == Kind::reply && i < s.count; ++i) registers[s.start + i] = s.value(i);
-      }
     }
     return registers;
   }

@@ -28,39 +28,35 @@ concept BuiltFromBraced = requires { T{{((void)I, Any{})}...}; };
 // Fields counted with brace elision: a C array counts once per element.
 template <class T, std::size_t... I>
 consteval std::size_t count_flat(std::index_sequence<I...>) {
-  if constexpr (sizeof...(I) < kMaxFields + 1 && BuiltFromFlat<T, I..., 0>) {
+  if constexpr (sizeof...(I) < kMaxFields + 1 && BuiltFromFlat<T, I..., 0>)
     return count_flat<T>(std::index_sequence<I..., 0>{});
-  } else {
+  else
     return sizeof...(I);
-  }
 }
 
 // Fields counted without brace elision: the number of names a structured binding needs.
 template <class T, std::size_t... I>
 consteval std::size_t count_braced(std::index_sequence<I...>) {
-  if constexpr (sizeof...(I) < kMaxFields + 1 && BuiltFromBraced<T, I..., 0>) {
+  if constexpr (sizeof...(I) < kMaxFields + 1 && BuiltFromBraced<T, I..., 0>)
     return count_braced<T>(std::index_sequence<I..., 0>{});
-  } else {
+  else
     return sizeof...(I);
-  }
 }
 
 template <class T>
 consteval std::size_t field_count() {
-  if constexpr (std::is_empty_v<T>) {
+  if constexpr (std::is_empty_v<T>)
     return 0;
-  } else {
+  else
     return count_flat<T>(std::index_sequence<>{});
-  }
 }
 
 template <class T>
 consteval bool has_c_array() {
-  if constexpr (std::is_empty_v<T>) {
+  if constexpr (std::is_empty_v<T>)
     return false;
-  } else {
+  else
     return count_flat<T>(std::index_sequence<>{}) != count_braced<T>(std::index_sequence<>{});
-  }
 }
 
 // A default object of T. The addresses of its fields, as template arguments, carry the field names.
@@ -156,11 +152,10 @@ using FieldType = std::remove_cvref_t<decltype(*std::get<I>(field_addresses(std:
 template <class T, std::size_t I>
 consteval std::size_t field_offset() {
   constexpr std::size_t kAlign = alignof(FieldType<T, I>);
-  if constexpr (I == 0) {
+  if constexpr (I == 0)
     return 0;
-  } else {
+  else
     return (field_offset<T, I - 1>() + sizeof(FieldType<T, I - 1>) + kAlign - 1) / kAlign * kAlign;
-  }
 }
 
 // True when the layout is the one field_offset computes (false for alignas on a field).
