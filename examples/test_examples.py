@@ -4,6 +4,7 @@
 import subprocess
 import sys
 from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import calm
@@ -11,6 +12,7 @@ import pytest
 from system.robot_rig import ROOT, RobotRig
 
 EXAMPLES = sorted(path for path in Path(__file__).parent.iterdir() if (path / "main.py").exists())
+WORDS = {"06_policy": ["320"]}  # so few candidates take seconds
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,7 @@ def test_the_example_prints_what_it_promises(example: Path, rig: RobotRig) -> No
     # As a shell has it: this process has limited numpy's threads by importing lithe itself.
     environment = {key: value for key, value in rig.env.items() if not key.endswith("_NUM_THREADS")}
     done = subprocess.run(
-        [sys.executable, example / "main.py"],
+        [sys.executable, example / "main.py", *WORDS.get(example.name, [])],
         env=environment | {"PYTHONPATH": str(ROOT / "brain"), "PYTHONWARNINGS": "error"},
         capture_output=True,
         text=True,
@@ -33,9 +35,10 @@ def test_the_example_prints_what_it_promises(example: Path, rig: RobotRig) -> No
         check=False,
     )
     assert done.stderr == ""
-    assert done.stdout == (example / "expected.txt").read_text(encoding="utf-8")
+    expected = (example / "expected.txt").read_text(encoding="utf-8")  # *: what was measured
+    assert fnmatchcase(done.stdout, expected), done.stdout
     assert len((example / "main.py").read_text(encoding="utf-8").splitlines()) <= 80
 
 
-def test_there_are_five() -> None:
-    assert [path.name[:2] for path in EXAMPLES] == ["01", "02", "03", "04", "05"]
+def test_there_are_six() -> None:
+    assert [path.name[:2] for path in EXAMPLES] == ["01", "02", "03", "04", "05", "06"]

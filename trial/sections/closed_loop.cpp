@@ -37,24 +37,6 @@ constexpr Bound kBounds[] = {
     {&LoopStats::torque_clamped, 0.8, "asks for more than torque_max_nm"},
 };
 
-// "velocity_limit: joint wrist at 19.3 rad/s, at most 18.8".
-std::array<char, 160> fault_words(const robot::RobotConfig& robot, const LoopStats& stats) {
-  std::array<char, 160> text{};
-  const auto fault = static_cast<wire::Fault>(stats.fault);
-  const robot::JointConfig& joint = robot.joints[stats.fault_joint];
-  const char *what = wire::to_string(fault).data(), *name = joint.name.c_str();
-  if (fault == wire::Fault::velocity_limit) {
-    std::snprintf(text.data(), text.size(), "%s: joint %s at %.3g rad/s, at most %.3g", what, name,
-                  stats.fault_velocity_rad_s, joint.velocity_max_rad_s * robot.guard.velocity_overrun);
-  } else if (fault == wire::Fault::position_limit) {
-    std::snprintf(text.data(), text.size(), "%s: joint %s at %.3g rad, limits %.3g and %.3g", what, name,
-                  stats.fault_position_rad, joint.position_min_rad, joint.position_max_rad);
-  } else {
-    std::snprintf(text.data(), text.size(), "%s", what);
-  }
-  return text;
-}
-
 // A robot that leaves its limits without a law is stopped in any case; a law must not make this earlier. The same for a
 // shaking joint.
 bool goes_on(TrialContext& context, const LoopStats& law, const LoopStats& alone, const char* where) {

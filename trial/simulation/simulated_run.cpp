@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <numbers>
 #include <string>
@@ -21,21 +22,24 @@ constexpr std::int64_t kSwitchOnNs = 10'000'000;  // a moteus is on 5 ms after i
 constexpr int kExchangesToSwitchOn = 10;          // a CiA 402 drive goes one state a word
 constexpr double kHeldShare = 1e-3;               // of a joint's torque: by less the guard changes nothing worth a word
 
-// From where the joint stands to a small distance and back, smoothly, well within its limits.
-wire::Plan gentle_plan(const robot::RobotConfig& robot, const JointArray& from_rad, std::int64_t now_ns) {
+// From where the joint stands to a distance and back, smoothly, well within its limits: a small one, or, with `shares`,
+// that share [-1, 1) of the way that there is.
+wire::Plan gentle_plan(const robot::RobotConfig& robot, const JointArray& from_rad, std::int64_t now_ns, double seconds,
+                       const JointArray* shares) {
   wire::Plan plan;
   plan.plan_id = 1;
   plan.waypoint_count = wire::kNw;
   plan.joint_count = static_cast<std::uint32_t>(robot.joints.size());
   for (std::size_t w = 0; w < wire::kNw; ++w) {
     const double part = static_cast<double>(w + 1) / wire::kNw;
-    plan.t_ns[w] = now_ns + static_cast<std::int64_t>(part * kRunSeconds * 1e9);
+    plan.t_ns[w] = now_ns + static_cast<std::int64_t>(part * seconds * 1e9);
     for (std::size_t j = 0; j < robot.joints.size(); ++j) {
       const robot::JointConfig& joint = robot.joints[j];
       const double at = std::clamp(from_rad[j], joint.position_min_rad, joint.position_max_rad);
       const double up = joint.position_max_rad - at, down = at - joint.position_min_rad;
-      const double room = std::min(0.4 * std::max(up, down), 0.1 * joint.velocity_max_rad_s * kRunSeconds);
-      const double by = std::copysign(std::min(0.3, room), up - down);
+      const double most = 0.1 * joint.velocity_max_rad_s * seconds;
+      double by = std::copysign(std::min({0.3, 0.4 * std::max(up, down), most}), up - down);
+      if (shares != nullptr) by = (*shares)[j] * std::min(0.4 * ((*shares)[j] > 0 ? up : down), most);
       plan.position_rad[w * wire::kNj + j] = at + by * 0.5 * (1 - std::cos(2 * std::numbers::pi * part));
       plan.velocity_rad_s[w * wire::kNj + j] = std::numeric_limits<double>::quiet_NaN();
     }
@@ -129,13 +133,32 @@ void start_inside(robot::RobotConfig& robot) {
   }
 }
 
-SimulatedRun::SimulatedRun(const robot::RobotConfig& robot, const SimulatedRobot& simulated, bool rough)
+std::array<char, 160> fault_words(const robot::RobotConfig& robot, const LoopStats& stats) {
+  std::array<char, 160> text{};
+  const auto fault = static_cast<wire::Fault>(stats.fault);
+  const robot::JointConfig& joint = robot.joints[stats.fault_joint];
+  const char *what = wire::to_string(fault).data(), *name = joint.name.c_str();
+  if (fault == wire::Fault::velocity_limit) {
+    std::snprintf(text.data(), text.size(), "%s: joint %s at %.3g rad/s, at most %.3g", what, name,
+                  stats.fault_velocity_rad_s, joint.velocity_max_rad_s * robot.guard.velocity_overrun);
+  } else if (fault == wire::Fault::position_limit) {
+    std::snprintf(text.data(), text.size(), "%s: joint %s at %.3g rad, limits %.3g and %.3g", what, name,
+                  stats.fault_position_rad, joint.position_min_rad, joint.position_max_rad);
+  } else {
+    std::snprintf(text.data(), text.size(), "%s", what);
+  }
+  return text;
+}
+
+SimulatedRun::SimulatedRun(const robot::RobotConfig& robot, const SimulatedRobot& simulated, bool rough,
+                           const Variation& variation)
     : robot_(robot),
       actuators_(*simulated.actuators),
       now_ns_(simulated.from_ns),
       period_ns_(static_cast<std::int64_t>(1e9 / robot.rate_hz)),
       run_ticks_(simulated.run_ticks),
       rough_(rough),
+      random_(variation.seed == 0 ? Rough::kSeed : variation.seed),
       step_(robot, slot_, sandbox_) {
   stats.whole_ticks = ticks_in(kRunSeconds);
   watch();
@@ -152,7 +175,9 @@ SimulatedRun::SimulatedRun(const robot::RobotConfig& robot, const SimulatedRobot
   SourceHost host(no_torque);
   for (std::uint32_t i = 0; i < step::slowest_drive(robot); ++i)
     step_.run({.tick = 0, .now_ns = now_ns_, .sample = state_, .brain_age_ns = 0}, host, next_, record_);
-  plan_ = gentle_plan(robot, state_.position_rad, now_ns_);
+  JointArray shares{};
+  if (variation.seed != 0) std::ranges::generate(shares, [this] { return 2 * uniform() - 1; });
+  plan_ = gentle_plan(robot, state_.position_rad, now_ns_, variation.seconds, variation.seed == 0 ? nullptr : &shares);
 }
 
 void SimulatedRun::watch() {
@@ -170,13 +195,15 @@ std::uint32_t SimulatedRun::ticks_in(double seconds) const {
   return static_cast<std::uint32_t>(std::lround(seconds * robot_.rate_hz));
 }
 
+double SimulatedRun::uniform() {
+  random_ = random_ * 6364136223846793005u + 1442695040888963407u;  // Knuth's MMIX generator
+  return static_cast<double>(random_ >> 11) * 0x1p-53;
+}
+
 // About normal: the sum of twelve uniform numbers, less their mean, has the variance 1.
 double SimulatedRun::noise() {
   double sum = -6;
-  for (int i = 0; i < 12; ++i) {
-    random_ = random_ * 6364136223846793005u + 1442695040888963407u;  // Knuth's MMIX generator
-    sum += static_cast<double>(random_ >> 11) * 0x1p-53;
-  }
+  for (int i = 0; i < 12; ++i) sum += uniform();
   return sum;
 }
 

@@ -2,6 +2,7 @@
 // Closed-loop trial: the law controls the simulated robot through the same control step as in the Spine.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <limits>
 
@@ -34,6 +35,12 @@ struct Rough {
   static constexpr double kPayload = 0.2;
 };
 
+// What an episode (trial/steps.hpp) may have otherwise than a trial's run.
+struct Variation {
+  std::uint64_t seed = 0;        // of the noise, and of where each joint is led; 0 = as in every trial
+  double seconds = kRunSeconds;  // of the robot's time that the setpoint takes to a distance and back
+};
+
 // The robot with every mass in its plant made heavier by Rough::kPayload.
 robot::RobotConfig with_payload(const robot::RobotConfig& robot);
 
@@ -44,6 +51,9 @@ Result<> open_ready(const robot::RobotConfig& robot, SimulatedRobot& simulated);
 // Moves every joint that starts at or outside a position limit inside. The guard would stop it in the first tick, and
 // the law would not be tried.
 void start_inside(robot::RobotConfig& robot);
+
+// Why the guard ended a run: "velocity_limit: joint wrist at 19.3 rad/s, at most 18.8".
+std::array<char, 160> fault_words(const robot::RobotConfig& robot, const LoopStats& stats);
 
 // Source of the torques in a run: the law under trial, or a replacement (none, the safe law).
 class TorqueSource {
@@ -62,7 +72,8 @@ struct NoTorque final : TorqueSource {
 // Contract: allocates nothing once made
 class SimulatedRun {
  public:
-  SimulatedRun(const robot::RobotConfig& robot, const SimulatedRobot& simulated, bool rough);
+  SimulatedRun(const robot::RobotConfig& robot, const SimulatedRobot& simulated, bool rough,
+               const Variation& variation = {});
   SimulatedRun(const SimulatedRun&) = delete;
   SimulatedRun& operator=(const SimulatedRun&) = delete;
 
@@ -78,6 +89,7 @@ class SimulatedRun {
   void stop();
 
   const hal::ActuatorState& state() const { return state_; }  // as the drives tell it
+  const wire::Telemetry& record() const { return record_; }   // of the last tick: what the source saw, the guard gave
 
   LoopStats stats;
   std::array<law::JointSums, kMaxJoints> sums{};  // until stop()
@@ -90,6 +102,7 @@ class SimulatedRun {
   void count(const step::Report& report);
   void compose(const hal::ActuatorCommand& next);
   void disturb();
+  double uniform();
   double noise();
 
   const robot::RobotConfig& robot_;
@@ -97,7 +110,7 @@ class SimulatedRun {
   std::int64_t now_ns_, period_ns_;
   std::uint32_t run_ticks_;
   bool rough_, stopping_ = false;
-  std::uint64_t random_ = Rough::kSeed;
+  std::uint64_t random_;
   hal::ActuatorCommand command_, next_, late_;  // to the drives; of this tick's step; of the one before
   hal::ActuatorState state_, seen_;             // as it is, and as it is measured
   law::Slot slot_;
