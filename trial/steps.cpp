@@ -74,9 +74,8 @@ json Steps::answer(const std::string& line, bool& quit) {
 
 json Steps::describe() const {
   json joints = json::array();
-  for (const robot::JointConfig& joint : robot_.joints) {
+  for (const robot::JointConfig& joint : robot_.joints)
     joints.push_back({{"name", joint.name}, {"torque_max_nm", joint.torque_max_nm}});
-  }
   return {{"ok", true}, {"robot", robot_.name}, {"rate_hz", robot_.rate_hz}, {"joints", joints}};
 }
 
@@ -84,9 +83,8 @@ json Steps::reset(const json& request) {
   const auto seed = number(request, "seed", 0, 0, kMostSeed);
   const auto ticks = number(request, "ticks", 1, 1, kMostTicks);
   const auto seconds = number(request, "seconds", kRunSeconds, kLeastSeconds, kMostSeconds);
-  for (const auto* each : {&seed, &ticks, &seconds}) {
+  for (const auto* each : {&seed, &ticks, &seconds})
     if (!*each) return refuse(each->message());
-  }
   const auto found = request.find("rough");
   if (found != request.end() && !found->is_boolean()) return refuse("\"rough\" must be true or false");
   const bool rough = found != request.end() && found->get<bool>();
@@ -106,8 +104,8 @@ json Steps::step(const json& request) {
   const std::size_t joints = robot_.joints.size();
   if (given == request.end() || !given->is_array() || given->size() != joints ||
       !std::ranges::all_of(*given, [](const json& each) { return each.is_number(); })) {
-    return refuse(fmt::format("step needs \"torque_nm\": a list of {} numbers, one per joint of {}", joints,
-                              robot_.name));
+    return refuse(
+        fmt::format("step needs \"torque_nm\": a list of {} numbers, one per joint of {}", joints, robot_.name));
   }
   for (std::size_t j = 0; j < joints; ++j) held_.torque_nm[j] = (*given)[j].get<double>();
   return advance(ticks_);

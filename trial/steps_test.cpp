@@ -138,6 +138,7 @@ TEST_F(StepsTest, AnEpisodeThatTheGuardEndedSaysWhyAndTakesNoMoreSteps) {
   };
   change("initial_position_rad = 0.0", "initial_position_rad = 1.5");
   change("position_min_rad = -3.0 ", "position_min_rad = 0.9 ");
+  change("mgl_nm = 0.165", "mgl_nm = 1.2");
   change("law = \"../laws/pd.cpp\"", "");
   const std::string path = testing::TempDir() + "lithe_steps_" + std::to_string(getpid()) + ".toml";
   std::ofstream(path) << arm;
@@ -182,9 +183,8 @@ TEST_F(StepsTest, NonsenseIsRefusedWithTheReasonAndTheEpisodeGoesOn) {
   };
   EXPECT_EQ(reason(R"({"verb":"step","torque_nm":[0]})"), "no episode has begun: reset first");
   ASSERT_TRUE(reset()["ok"].get<bool>());
-  for (const char* line : {"{", "[]", "\xff", R"({"verb":3})", R"({"verb":"dance"})"}) {
+  for (const char* line : {"{", "[]", "\xff", R"({"verb":3})", R"({"verb":"dance"})"})
     EXPECT_NE(reason(line).find("one JSON object per line"), std::string::npos) << line;
-  }
   for (const char* line : {R"({"verb":"step"})", R"({"verb":"step","torque_nm":[]})",
                            R"({"verb":"step","torque_nm":[0,0]})", R"({"verb":"step","torque_nm":["a"]})"}) {
     EXPECT_NE(reason(line).find("a list of 1 numbers"), std::string::npos) << line;

@@ -92,12 +92,13 @@ def test_an_episode_is_truncated_at_its_end_and_a_law_that_tracks_is_rewarded(ar
 
 
 def raised(tmp_path: Path, changes: dict[str, str]) -> Path:
-    """An arm that starts raised and must not fall far."""
+    """An arm that starts raised, must not fall far, and is too heavy for its motor."""
     path = tmp_path / "raised.toml"
     own = {
         'law = "../laws/pd.cpp"': "",
         "initial_position_rad = 0.0": "initial_position_rad = 1.5",
         "position_min_rad = -3.0 ": "position_min_rad = 0.9 ",
+        "mgl_nm = 0.165": "mgl_nm = 1.2",  # more than its motor can hold
         **changes,
     }
     path.write_text(changed(ARM.read_text(encoding="utf-8"), own, "robots/arm.toml"), encoding="utf-8")

@@ -59,7 +59,7 @@ def measure(robot: lithe.Robot) -> tuple[float, Floats]:
     for target_rad in (1.0, 0.0):
         robot.go_to([target_rad], in_s=0.8)
         time.sleep(1.0)
-    records = robot.telemetry.history(2.0)
+    records = robot.telemetry.history(1.9)
     error_rad = (records["setpoint_position_rad"] - records["position_rad"])[:, 0]
     return float(np.degrees(np.sqrt(np.mean(error_rad**2)))), records
 
@@ -72,6 +72,7 @@ with lithe.connect() as robot:
     after_deg, records = measure(robot)
     seen = [records[field][:, :1].astype(float) for field in FIELDS]
     apart_nm = records["law_torque_nm"][:, :1] - torque_max_nm * network.share(*seen)
-    print(f"code and constants, at most 4096 bytes: {swap['placement']['code_bytes']}")
+    size = next(gate["detail"] for gate in swap["gates"] if gate["gate"] == "size")
+    print(f"the law, at most 4096 bytes of code: {size}")
     print(f"the law gives the network's torques: {np.max(np.abs(apart_nm)) < 1e-9}")
     print(f"tracking error (rms): {before} {before_deg:.2f} deg, {swap['law']} {after_deg:.2f} deg")
