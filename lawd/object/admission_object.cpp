@@ -102,7 +102,7 @@ class Object {
             "code that runs when the law is loaded or unloaded (a constructor, or a global that is computed at run "
             "time): make the value constexpr, or compute it in step()");
       } else if (is_or_begins(section.name, ".gcc_except_table")) {
-        refuse("exception tables: a law has no exceptions, test the value and return a safe torque");
+        refuse("exception tables: a law has no exceptions, test the value, set a safe torque and return");
       } else if ((section.flags & SHF_WRITE) != 0) {
         name_variables(i, "is a variable outside State: move it to State, or make it constexpr when it never changes");
       } else {

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <ctime>
 #include <limits>
@@ -131,9 +132,15 @@ int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t s
     std::array<char, 64> bad{};
     const std::uint64_t done = dry_steps(law, joints, steps, *resident, quickest_ns, bad);
     if (done < steps) {
+      Tick seen;
+      law::dry_input(seen, done, joints);
+      const bool no_sensor = std::ranges::any_of(seen.sensor, [](double value) { return std::isnan(value); });
       tell(fd, {{"refused", std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
                                 ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, "
-                                "a sensor that is not valid (NaN), or a gain that diverges"}});
+                                "a sensor that is not valid (NaN), or a gain that diverges" +
+                                (no_sensor ? "; in this step sensors were not valid: use t.sensor[i] only if "
+                                             "std::isfinite(t.sensor[i])"
+                                           : "")}});
       tell_place(law, joints, done, *resident);
       return 1;
     }

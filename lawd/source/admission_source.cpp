@@ -7,6 +7,7 @@
 #include "lawd/core/admission.hpp"
 #include "lawd/source/admission_tokens.hpp"
 #include "lawd/source/admission_words.hpp"
+#include "lawd/source/help.hpp"
 #include "spine/core/lookup.hpp"
 
 namespace lithe::lawd {
@@ -49,15 +50,17 @@ class Source {
     if (text_.size() > kMaxSourceBytes) {
       out_.refuse(gate_, "the source is " + std::to_string(text_.size() / 1024) + " KiB; a law has at most " +
                              std::to_string(kMaxSourceBytes / 1024) +
-                             " KiB: shorten tables, compute what can be computed");
+                             " KiB: shorten tables, compute what can be computed, remove blanks");
       return;
     }
     tokens_ = tokenise(text_);
     if (tokens_.list.empty() && tokens_.ambiguities.empty()) {
-      out_.refuse(gate_,
-                  "the file holds no code: a law is a struct with Params, State and a static step(), and ends with "
-                  "LITHE_LAW(Type, \"name\"); see laws/pd.cpp",
-                  1, 1);
+      out_.refuse(
+          gate_,
+          std::string("the file holds no code: a law is a struct with Params, State and a static step(), and ends "
+                      "with LITHE_LAW(Type, \"name\"); see laws/pd.cpp") +
+              std::string(kWholeLaw),
+          1, 1);
     }
     if (text_.find('\0') == std::string_view::npos) check_prose();  // else it is no text at all, and told so
     for (const Ambiguity& ambiguity : tokens_.ambiguities)
@@ -72,7 +75,8 @@ class Source {
       if (is_mark(i, "`")) return refuse(at(i), "a code fence (```) is not C++" + alone);
     const bool has_own_rule = is_reserved(at(0).text) || !why_word_is_refused(at(0).text).empty();
     if (is_prose(0) && !has_own_rule && !is_mark(1, "::") && !is_mark(1, "("))
-      return refuse(at(0), "'" + at(0).text + "' begins no C++ file" + alone);
+      return refuse(at(0), "'" + at(0).text + "' begins no C++ file" + alone +
+                               std::string(text_.find("LITHE_LAW") == std::string_view::npos ? kWholeLaw : ""));
     std::size_t end = tokens_.list.size();
     while (end > 0 && at(end - 1).text != "LITHE_LAW") --end;
     if (end == 0) return;

@@ -33,15 +33,17 @@ struct Word {
 constexpr std::string_view kNoHeap =
     "a law allocates nothing: use a std::array of fixed size, in State if it must outlive the step";
 constexpr std::string_view kNoPrint =
-    "a law prints nothing: put the number into a field of Probes, it shows up in telemetry";
+    "a law prints nothing: leave it out, or put the number into a probe, which is in telemetry: struct Probes { double "
+    "x = 0; }; in the law, step() with a fifth argument Probes& probes, probes.x = ...;";
 constexpr std::string_view kNoThread = "a law has one thread and never waits: what takes long belongs in the Brain";
 constexpr std::string_view kNoClock = "a law never waits and reads no clock: time is in t.t_s and t.dt_s";
 constexpr std::string_view kNoFile =
     "a law opens no file and no socket: what it needs belongs in Params or comes through the setpoint";
 constexpr std::string_view kNoChance =
-    "the same input must give the same output: keep a generator's state in State and compute it yourself";
+    "the same input must give the same output: keep a generator's state in State and compute it yourself: "
+    "std::uint32_t seed = 1; in State, s.seed = s.seed * 1664525u + 1013904223u; s.seed / 4294967296.0 is from 0 to 1";
 constexpr std::string_view kNoEnd = "a law may not end, copy or signal its process: to stop, return zero torque";
-constexpr std::string_view kNoThrow = "a law has no exceptions: test the value and return a safe torque";
+constexpr std::string_view kNoThrow = "a law has no exceptions: test the value, set a safe torque and return";
 constexpr std::string_view kNoCast = "a law works on numbers and never on raw memory: keep the type, or copy the value";
 constexpr std::string_view kNoCoroutine = "coroutines allocate: keep what must be remembered in State";
 constexpr std::array kWords = std::to_array<Word>({

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "lawd/source/admission_tokens.hpp"
+#include "lawd/source/help.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -196,7 +197,7 @@ class Cleaner {
       out.refuse(kTextGate,
                  fmt::format("none of the {} code blocks has LITHE_LAW(Type, \"name\"), so none is a whole law",
                              inside.size()) +
-                     send,
+                     send + std::string(kWholeLaw),
                  static_cast<int>(inside.front().from) + 1, 1);
     }
     return std::nullopt;

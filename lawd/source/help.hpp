@@ -11,6 +11,13 @@
 
 namespace lithe::lawd {
 
+// For those who have sent no law.
+inline constexpr std::string_view kWholeLaw =
+    "; a whole law is: #include <lithe/law.hpp>, then struct Law { struct Params { lithe::Param kp_nm_rad{4, 0, 40}; "
+    "}; struct State {}; static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) { for "
+    "(std::uint32_t j = 0; j < t.joints; ++j) u.torque_nm[j] = p.kp_nm_rad * (t.setpoint_position_rad[j] - "
+    "t.position_rad[j]); } }; LITHE_LAW(Law, \"law\");";
+
 // The data fields of `struct NAME { ... };`, in order; empty when there is no such struct.
 std::vector<std::string> fields_of(const Tokens& tokens, std::string_view name);
 

@@ -34,6 +34,10 @@ Text around a law is taken off before it is compiled: the answer lists what, in 
 number. What a trial says about the control of a joint (sign, damping, degrees, a steady load ...) is computed from the
 run, never from the text; when the numbers do not show the cause, it says only what was seen.
 
+A language model that saw only the law and the message corrected 53 of 55 of these laws at its first try (2026-11-24);
+it had read all of them before it began. Where it had to guess, and for the two that it missed (a damping of the wrong
+sign was also too high; a gain was still too high), the message has been changed since.
+
 | mistake | found by | message | instead |
 |---|---|---|---|
 """

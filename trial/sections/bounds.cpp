@@ -56,7 +56,7 @@ bool TrialContext::within_joints(const LawHarness& harness) {
       const bool absent = output.values == &Effort::position_rad && std::isnan(values[j]);
       if (absent || values[j] == 0) continue;
       return refuse(
-          "it writes %s[%zu], but this robot has %u joints, 0 to %u (%s): count to t.joints, not to kMaxJoints",
+          "it writes %s[%zu], but this robot has %u joints, 0 to %u (%s): count to t.joints, not to another number",
           output.name, j, joints(), joints() - 1, report.doing.data());
     }
   }
@@ -66,14 +66,14 @@ bool TrialContext::within_joints(const LawHarness& harness) {
 bool reads_within_joints(TrialContext& context) {
   const std::size_t joints = context.joints();
   for (const JointInput& input : kJointInputs) {
-    context.doing("%s beyond the robot's joints", input.name);
+    context.doing("tried with other values of %s beyond these joints", input.name);
     if (same_output(context, input, joints, kMaxJoints)) continue;
     if (context.report.refused[0] != '\0') return false;
     std::size_t first = joints;
     while (first + 1 < kMaxJoints && same_output(context, input, first, first + 1)) ++first;
     return context.refuse(
-        "it reads %s[%zu], but this robot has %zu joints, 0 to %zu: count to t.joints, not to kMaxJoints", input.name,
-        first, joints, joints - 1);
+        "it reads %s[%zu], but this robot has %zu joints, 0 to %zu: count to t.joints, not to another number",
+        input.name, first, joints, joints - 1);
   }
   return true;
 }

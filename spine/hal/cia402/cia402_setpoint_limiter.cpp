@@ -87,7 +87,7 @@ void SetpointLimiter::move_velocity(const JointCommand& command) LITHE_RT {
 }
 
 double SetpointLimiter::closed_loop_nm(const JointCommand& command, const JointSample& last) const LITHE_RT {
-  Pd pd = command;
+  Pd pd = static_cast<const Pd&>(command);  // the rest is not for torque drives
   pd.kp_nm_rad = std::max(command.kp_nm_rad, 0.0);
   pd.kd_nm_s_rad = std::max(command.kd_nm_s_rad, 0.0);
   return pd.felt_nm(last.position_rad, last.velocity_rad_s);

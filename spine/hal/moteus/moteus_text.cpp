@@ -22,7 +22,7 @@ struct Names {
 };
 
 std::string name_of(std::uint32_t number) {
-  static const Names kNames[] = {
+  static const Names all_names[] = {
       {reg::kMode, {"mode", "position", "velocity", "torque", "q current", "d current", "absolute position", "power"}},
       {reg::kMotorTemperature,
        {"motor temperature", "trajectory complete", "home state", "voltage", "temperature", "fault"}},
@@ -43,7 +43,7 @@ std::string name_of(std::uint32_t number) {
       {reg::kUuidMask, {"uuid mask 0", "uuid mask 1", "uuid mask 2", "uuid mask 3"}},
       {reg::kUuidMaskCapable, {"uuid mask capable"}},
   };
-  for (const Names& row : kNames)
+  for (const Names& row : all_names)
     if (number - row.first < row.names.size()) return row.names.begin()[number - row.first];
   return fmt::format("register {:03x}h", number);
 }
