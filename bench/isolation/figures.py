@@ -21,11 +21,16 @@ from bench.tables import Figures
 
 # Record of bench/isolation/spine.cpp
 RECORD = np.dtype(
-    [("late_ns", "<i8"), ("stolen_ns", "<i8"), ("handoff_ns", "<i8"), ("switches", "<u4"), ("program", "<u4")]
+    [
+        *((name, "<i8") for name in ("late_ns", "stolen_ns", "handoff_ns", "release_ns")),
+        *(("switches", "<u4"), ("program", "<u2"), ("told", "<u2")),
+    ]
 )
 FLOOR, LITHE, CONTROL, CYCLICTEST = range(4)  # the program's number in a record
 PEERS = ("cyclictest", "plain_loop", "moteus_loop")
-CAUSES = ("hypervisor", "other_task", "kernel")
+# `kernel_thread`, `tick`, `interrupt` and `ours` are told by a trace only (bench/isolation/attribution.py). Without one
+# a release before which there was a switch is counted at `other_task`, and one without at `unknown`.
+CAUSES = ("hypervisor", "kernel_thread", "tick", "interrupt", "other_task", "ours", "unknown")
 PERIOD_NS = 1_000_000
 LEAST_US = 1.0  # smaller differences are not significant
 RESAMPLES = 200
@@ -53,8 +58,9 @@ def stolen(records: Records) -> npt.NDArray[np.bool_]:
 
 
 def cause(records: Records) -> npt.NDArray[np.int64]:
-    """Index in CAUSES for each release: stolen, or another task ran, or neither (interrupts, kernel, LITHE itself)."""
-    return np.where(stolen(records), 0, np.where(records["switches"] > 0, 1, 2))
+    """Index in CAUSES for each release; `told` of a record is that index plus 1, or 0 without a trace."""
+    guessed = np.where(records["switches"] > 0, CAUSES.index("other_task"), CAUSES.index("unknown"))
+    return np.where(stolen(records), 0, np.where(records["told"] > 0, records["told"].astype(np.int64) - 1, guessed))
 
 
 def calm(rounds: Rounds) -> list[Late]:

@@ -22,6 +22,7 @@ from lithe.programs import ROOT, binary
 
 from bench import report
 from bench.asked import Asked
+from bench.isolation.attribution import Trace
 from bench.isolation.figures import CYCLICTEST, RECORD, Records, peer_records
 from bench.isolation.verdict import MISSING
 
@@ -46,15 +47,17 @@ def ask(program: Asked, request: str, seconds: float) -> Any:
 class Subject(Asked):
     """bench_isolation: the floor, LITHE, the control, and cyclictest on the same core."""
 
-    def __init__(self, cores: str, file: Path) -> None:
-        self._file, self._read = file, 0
+    def __init__(self, cores: str, file: Path, trace: Trace) -> None:
+        self._file, self._read, self._trace = file, 0, trace
         words = ["taskset", "-c", cores, *report.program("isolation"), str(file)]
         super().__init__("bench_isolation", words, session=True)
 
     def run(self, verb: str, count: int, seconds: float) -> Records:
         """The records of one request."""
+        self._trace.read()  # what came before
         answer = ask(self, f"{verb} {count}", seconds)
         records = np.fromfile(self._file, RECORD, answer["records"], offset=self._read * RECORD.itemsize)
+        self._trace.attribute(records, self.process.pid)
         self._read += len(records)
         return records
 

@@ -3,7 +3,8 @@
 
 `python -m bench.isolation [--seconds N | --short | --paper] [--workload NAME ...] [--shield]` writes
 out/bench/isolation.json, .png and .html. Under each workload the programs take turns in rounds of a few seconds.
-`compare A.json B.json` prints two results beside each other, `table DIR` a table of all results in a folder.
+`compare A.json B.json` prints two results beside each other, `summary RESULT.json` what goes into bench/boards/,
+`table DIR` a table of all results in a folder.
 Exit 0: holds. 1: falls short, or INCONCLUSIVE. 2: usage, or it cannot be measured here.
 """
 
@@ -20,13 +21,15 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from lithe.demo.processes import undisturbed
 from lithe.errors import LitheError
 from lithe.programs import binary
 
 from bench import report
 from bench.isolation import loads, plot, table
-from bench.isolation.figures import CONTROL, FLOOR, LITHE, PEERS, Rounds, calm, ratio, workload_figures
+from bench.isolation.attribution import Trace
+from bench.isolation.figures import CONTROL, FLOOR, LITHE, PEERS, Rounds, calm, ratio, stolen, workload_figures
 from bench.isolation.programs import Peers, Subject
 from bench.isolation.verdict import judge
 from bench.swap.run import plain
@@ -111,7 +114,9 @@ class Bench:
 
     def run(self) -> None:
         """All workloads, then the control."""
-        with Subject(",".join(map(str, self.all)), self.folder / "records") as subject:
+        trace = Trace(self.spine)
+        with trace, Subject(",".join(map(str, self.all)), self.folder / "records", trace) as subject:
+            self.told["attribution"] = trace.why_not or "the kernel's trace of switches and interrupts"
             peers = Peers(subject, self.all, self.spine, self.folder)
             try:
                 for workload in self.plan.workloads:
@@ -129,6 +134,8 @@ class Bench:
         for workload, seen in self.seen.items():
             whole = {name: rounds for name, rounds in seen.items() if len(rounds) == self.plan.rounds}
             self.told |= workload_figures(workload, whole)
+        both = [each for seen in self.seen.values() for name in ("floor", "lithe") for each in seen[name]]
+        self.told["steal_share"] = float(np.mean(stolen(np.concatenate(both))))
         return self.told | judge(self.told, self.plan.workloads)
 
 
@@ -201,7 +208,7 @@ def options(words: list[str]) -> argparse.Namespace:
 
 def main(words: list[str]) -> int:
     """Measure, write, print; or one of the other verbs."""
-    if words[:1] in (["compare"], ["table"]):
+    if words[:1] in (["compare"], ["summary"], ["table"]):
         return table.main(words)
     asked = options(words)
     for number in (signal.SIGINT, signal.SIGTERM):  # also where a shell let both be ignored: the loads must end

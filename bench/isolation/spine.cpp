@@ -29,11 +29,12 @@ namespace {
 constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
 
 // bench/isolation/figures.py reads these bytes.
-enum class Program : std::uint32_t { floor, lithe, control, cyclictest };
+enum class Program : std::uint16_t { floor, lithe, control, cyclictest };
 struct Record {
-  std::int64_t late_ns, stolen_ns, handoff_ns;
+  std::int64_t late_ns, stolen_ns, handoff_ns, release_ns;
   std::uint32_t switches;
   Program program;
+  std::uint16_t told;  // what made it late, for those who read the kernel's trace
 };
 
 // robots/arm.toml, with longer time-outs: a machine that stalls must not make the guard stop the arm in every block.
@@ -69,8 +70,13 @@ class Subject {
  private:
   void write(Program program, const std::vector<Cycle>& cycles) {
     for (const Cycle& each : cycles) {
-      const Record record{each.late_ns, each.stolen_ns, each.handoff_ns, static_cast<std::uint32_t>(each.switches),
-                          program};
+      const Record record{each.late_ns,
+                          each.stolen_ns,
+                          each.handoff_ns,
+                          each.release_ns,
+                          static_cast<std::uint32_t>(each.switches),
+                          program,
+                          0};
       written_ += std::fwrite(&record, sizeof record, 1, file_);
     }
   }

@@ -15,7 +15,9 @@ from bench.isolation.plot import PAPER_HANDOFF_US, PAPER_JITTER_US, WORDS
 from bench.swap.stats import LIMITS_US
 from bench.tables import HEAD, Figures, cell, quantile_row, show_machine, table
 
-USAGE = "usage: python -m bench.isolation compare A.json B.json | table DIR"
+USAGE = "usage: python -m bench.isolation compare A.json B.json | summary RESULT.json | table DIR"
+OF_BOARDS = [f"r999_{each}_{{}}" for each in ("floor", "cyclictest", "plain_loop")]
+OF_BOARDS += ["lithe_{}_p999_us", "handoff_{}_p999_us"]  # the columns of boards()
 
 
 class Unreadable(Exception):
@@ -60,7 +62,7 @@ def shares(told: Figures, name: str) -> None:
     missed = ", ".join(f"{each}: {told[f'missed_deadlines_{name}_{each}']}" for each in CAUSES)
     print(f"  LITHE: {told[f'cycles_{name}']} cycles, stolen {cell(told, f'steal_share_{name}', '.2%')}, ", end="")
     print(f"preempted {cell(told, f'preempted_share_{name}', '.2%')}; cycles above 20 us by cause: {counts}")
-    print(f"  missed deadlines: {told[f'missed_deadlines_{name}']} ({missed})")
+    print(f"  missed deadlines: {told[f'missed_deadlines_{name}']} ({missed}); causes by {told['attribution']}")
 
 
 def show(told: Figures) -> None:
@@ -136,23 +138,33 @@ def boards(folder: Path) -> str:
         "release jitter p99.9 [µs] | hand-off p99.9 [µs] | verdict |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
-    keys = [f"r999_{each}_{{}}" for each in ("floor", "cyclictest", "plain_loop")]
     for path in sorted(folder.glob("*.json")):
         told = load(path)
         isolation = str(told.get("machine_spine_core_isolation", "unknown")) + (", shield" if told["shielded"] else "")
         board = f"{path.stem}: {told['machine_cpu']}, {told['machine_cores']} cores"
         cells = [board, str(told["machine_kernel"]), isolation]
-        cells += [worst(told, key) for key in (*keys, "lithe_{}_p999_us", "handoff_{}_p999_us")]
+        cells += [worst(told, key) for key in OF_BOARDS]
         lines.append("| " + " | ".join(each.replace("|", "/") for each in (*cells, str(told["verdict"]))) + " |")
     return "\n".join(lines) + "\n"
 
 
+def summary(told: Figures) -> Figures:
+    """What of a result goes into the folder of boards()."""
+    kept = ["verdict", "reason", "shielded", "steal_share", "attribution", "isolation_measured_at"]
+    kept += [f"machine_{each}" for each in ("cpu", "cores", "virtual", "kernel", "spine_core_isolation")]
+    each_has = ["cycles_{}", "steal_share_{}", "missed_deadlines_{}", *OF_BOARDS]
+    kept += [key.format(name) for name in measured(told) for key in each_has]
+    return {key: told[key] for key in kept if key in told}
+
+
 def main(words: list[str]) -> int:
-    """`compare A.json B.json` or `table DIR`."""
+    """`compare A.json B.json`, `summary RESULT.json` or `table DIR`."""
     try:
         match words:
             case ["compare", one, other]:
                 print(compare(load(Path(one)), load(Path(other))), end="")
+            case ["summary", one]:
+                print(json.dumps(summary(load(Path(one))), indent=2))
             case ["table", folder] if Path(folder).is_dir():
                 print(boards(Path(folder)), end="")
             case ["table", folder]:

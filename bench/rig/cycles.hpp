@@ -23,6 +23,7 @@ struct Cycle {
   std::int64_t handoff_ns = kUnknownNs;  // wake-up to hand-over of the command; bare and skipped cycles have none
   std::int64_t cost_ns = kUnknownNs;     // the whole tick without its law; likewise
   std::int64_t bus_ns = kUnknownNs;      // the exchange that brought the tick's sample; likewise
+  std::int64_t release_ns = 0;           // when it was due, CLOCK_MONOTONIC
 
   // The hypervisor had the core: time is missing, and no other thread of this machine ran instead.
   bool stolen() const { return switches == 0 && stolen_ns > std::max<std::int64_t>(5000, late_ns / 2); }
@@ -49,6 +50,7 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
     body(release_ns, woke_ns, skipped, cycle, cycles.size() == first ? nullptr : &cycles.back());
     const ThreadToll after = thread_toll();
     cycle.late_ns = woke_ns - release_ns;
+    cycle.release_ns = release_ns;
     cycle.stolen_ns = (after.wall_ns - before.wall_ns) - (after.cpu_ns - before.cpu_ns);
     cycle.switches = after.involuntary_switches - before.involuntary_switches;
     cycle.faults = after.minor_faults - before.minor_faults;
@@ -59,7 +61,8 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
     Cycle missed = cycle;
     missed.handoff_ns = missed.cost_ns = missed.bus_ns = kUnknownNs;
     for (std::uint32_t i = skipped; i > 0; --i) {
-      missed.late_ns = now_ns - (grid.release_ns() - i * period_ns);
+      missed.release_ns = grid.release_ns() - i * period_ns;
+      missed.late_ns = now_ns - missed.release_ns;
       cycles.push_back(missed);
     }
     cycles.push_back(cycle);  // last, because the next tick adds figures to this one

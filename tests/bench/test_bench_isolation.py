@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make bench-isolation`: figures tell what is there, each rule of the verdict can fail, missing programs are named."""
 
-import importlib
 import json
 import math
 import os
@@ -14,18 +13,13 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
+from isolation_records import module, records
 from system.robot_rig import need
 
 ROOT = Path(__file__).parents[2]
 NAMES = ["stress", "idle"]
 LIMITS_US = (1, 5, 20, 100)
-
-
-def module(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(ROOT))
-    return importlib.import_module(f"bench.isolation.{name}")
 
 
 @pytest.fixture
@@ -41,14 +35,6 @@ def verdict(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 @pytest.fixture
 def table(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return module("table", monkeypatch)
-
-
-def records(figures: ModuleType, late_us: Any, switches: int = 0, stolen_us: float = 0) -> npt.NDArray[Any]:
-    """Releases that were so late."""
-    made = np.zeros(len(late_us), figures.RECORD)
-    made["late_ns"] = np.asarray(late_us) * 1e3
-    made["handoff_ns"], made["switches"], made["stolen_ns"] = 10_000, switches, stolen_us * 1e3
-    return made
 
 
 def good() -> dict[str, Any]:
@@ -155,9 +141,9 @@ def test_the_shares_decide_where_the_ratio_cannot(verdict: ModuleType) -> None:
 
 def test_releases_are_attributed_by_what_the_kernel_counted(figures: ModuleType) -> None:
     rounds = [records(figures, [200.0], stolen_us=150), records(figures, [200.0], 1, 150), records(figures, [200.0])]
-    assert [figures.cause(each)[0] for each in rounds] == [0, 1, 2]
+    assert [figures.CAUSES[figures.cause(each)[0]] for each in rounds] == ["hypervisor", "other_task", "unknown"]
     told = figures.cause_figures("lithe", rounds)
-    assert [told[f"lithe_over_100us_{name}"] for name in figures.CAUSES] == [1, 1, 1]
+    assert [told[f"lithe_over_100us_{name}"] for name in figures.CAUSES] == [1, 0, 0, 0, 1, 0, 1]
     assert [len(each) for each in figures.calm(rounds)] == [0, 1, 1], "what the hypervisor took is left out"
     assert not figures.stolen(records(figures, [1.0], stolen_us=4.9))[0], "smaller than the cost of asking"
 
@@ -213,7 +199,9 @@ def result(figures: ModuleType, verdict: ModuleType, late_us: float = 0.5) -> di
     told: dict[str, Any] = {"machine_cpu": "A|B", "machine_cores": 2, "machine_kernel": "6.1", "machine_virtual": True}
     told |= {"machine_isolated_cores": "", "machine_governor": "?", "machine_clock_source": "tsc"}
     told |= {"measured_as_root": True, "shielded": True, "loads_cores": "0", "control_over_floor": 900.0}
-    told |= {"moteus_loop_absent": "no network"} | {f"load_{name}": "nothing" for name in NAMES}
+    told |= {"moteus_loop_absent": "no network", "attribution": "a trace", "steal_share": 0.0} | {
+        f"load_{name}": "nothing" for name in NAMES
+    }
     for name in NAMES:
         told |= figures.workload_figures(name, workload(figures, late_us))
     return told | verdict.judge(told, NAMES)
@@ -257,8 +245,17 @@ def test_results_are_shown_compared_and_put_into_a_table(
     assert float(row[3]) == pytest.approx(60, rel=0.02), "B / A"
     assert table.main(["table", str(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
+    assert table.main(["summary", str(tmp_path / "a.json")]) == 0
+    small = json.loads(capsys.readouterr().out)
+    (tmp_path / "a.json").write_text(json.dumps(small))
+    assert len(small) < len(one) / 5 and table.boards(tmp_path).splitlines() == lines, "the table needs no more"
     assert len(lines) == 4 and lines[2].startswith("| a: A/B, 2 cores | 6.1 |")
     assert {line.count("|") for line in lines} == {10}
+
+
+def test_the_page_has_the_table_of_the_boards_whose_results_are_here(table: ModuleType) -> None:
+    printed = table.boards(ROOT / "bench/boards")
+    assert len(printed.splitlines()) > 2 and printed in (ROOT / "docs/host.md").read_text(), printed
 
 
 def test_what_is_no_result_is_refused(table: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -31,7 +31,8 @@ struct Bound {
   const char* what;
 };
 // Swings faster than this share of the rate come from damping that is too high: with the lag of loop and drive its
-// torque is then a quarter of a period late. Measured at 1 kHz on the chain: too much stiffness 21 Hz, too much damping 50 Hz.
+// torque is then a quarter of a period late. Measured at 1 kHz on the chain: 21 Hz by too much stiffness, 50 Hz by too
+// much damping.
 constexpr double kFastOfRate = 0.035;
 
 constexpr Bound kBounds[] = {
