@@ -25,6 +25,10 @@ FIXED = {
     "contract": (CPP, "the header that every law includes", CONTRACT),
     "rules": (MARKDOWN, "what a law may use, and how it is tried", ROOT / "docs/laws.md"),
     "mistakes": (MARKDOWN, "what LITHE says of usual mistakes, and what to write instead", ROOT / "docs/mistakes.md"),
+    "swapping": (MARKDOWN, "the steps of a swap, its terms, probation, and the way back", ROOT / "docs/swap.md"),
+    "verbs": (MARKDOWN, "every verb and every code of a refusal", ROOT / "docs/reference/verbs.md"),
+    "telemetry": (MARKDOWN, "every field with its unit", ROOT / "docs/reference/wire.md"),
+    "faults": (MARKDOWN, "each fault, what it means and what leads back", ROOT / "docs/reference/faults.md"),
 }
 
 

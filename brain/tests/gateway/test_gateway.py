@@ -213,7 +213,7 @@ def test_describe_tells_what_an_agent_must_know(remote: Remote) -> None:
     assert about["joints"][0]["name"] == "shoulder" and about["joints"][0]["torque_max_nm"] == 0.6
     (joint,) = about["joints"]
     assert joint["group"] == "" and joint["drive"] == {"device": "shoulder_drive", "kind": "moteus", "bus": "can0"}
-    assert {"contract", "rules", "mistakes", "laws/pd.cpp"} <= set(about["documents"])
+    assert {"contract", "rules", "mistakes", "swapping", "faults", "laws/pd.cpp"} <= set(about["documents"])
 
 
 def test_a_robot_file_that_is_gone_or_another_one_takes_nothing_else_away(tmp_path: Path) -> None:
