@@ -71,7 +71,7 @@ def test_a_trace_of_this_kernel_is_read_and_leaves_nothing_behind(monkeypatch: p
     core = min(os.sched_getaffinity(0))
     with attribution.Trace(core) as trace:
         if trace.why_not:
-            pytest.skip(trace.why_not)
+            pytest.skip(f"without the privilege of reading the trace: {trace.why_not}")
         for _ in range(20):
             subprocess.run(["taskset", "-c", str(core), "sleep", "0.01"], check=True)
         text = trace.read()
