@@ -43,7 +43,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   signal(SIGPIPE, SIG_IGN);
-  signal(SIGINT, SIG_IGN);  // on Ctrl-C whoever asks closes our stdin
+  signal(SIGINT, SIG_IGN);  // on Ctrl-C the program that asks closes our stdin
   lithe::set_file_defaults();
   if (steps) {
     std::ios::sync_with_stdio(false);
