@@ -31,7 +31,6 @@ export PATH=/{HOME}/bin:/usr/sbin:/usr/bin:/sbin:/bin:/{TOOLS} HOME=/tmp
 mount -t proc none /proc
 mount -t sysfs none /sys
 mount -t devtmpfs none /dev
-ln -s /proc/self/fd /dev/fd
 mkdir -p /dev/shm
 mount -t tmpfs none /dev/shm
 echo "vm: up" # on the line on which the firmware has left off
