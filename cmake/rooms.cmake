@@ -28,6 +28,16 @@ endfunction()
 
 # Rooms that use json wait for people, files and other processes. Optimised less, they compile in two thirds of the time.
 set(LITHE_LIGHT $<$<CONFIG:Release>:-O1>)
+# lithe_light(<target>): so is one of their libraries or programs.
+function(lithe_light target)
+  target_compile_options(${target} PRIVATE ${LITHE_LIGHT})
+  if(TARGET lithe_json_headers)
+    target_precompile_headers(${target} REUSE_FROM lithe_json_headers)
+  else()
+    target_precompile_headers(${target} PRIVATE <nlohmann/json.hpp> <fmt/format.h>)
+  endif()
+  lithe_trust_string(${target})
+endfunction()
 
 # Tests are compiled without optimisation, in half the time. Not those whose own code races with other threads, or takes
 # millions of steps: their labels are these.
@@ -87,14 +97,7 @@ function(lithe_room name)
     add_library(lithe_${name} STATIC ${sources})
     target_link_libraries(lithe_${name} PUBLIC lithe_flags ${ROOM_LINKS})
     if(json)
-      # Most of what these files cost is reading json and making code of it.
-      target_compile_options(lithe_${name} PRIVATE ${LITHE_LIGHT})
-      if(TARGET lithe_json_headers AND fmt::fmt IN_LIST ROOM_LINKS)
-        target_precompile_headers(lithe_${name} REUSE_FROM lithe_json_headers)
-      else()
-        target_precompile_headers(lithe_${name} PRIVATE <nlohmann/json.hpp> <fmt/format.h>)
-      endif()
-      lithe_trust_string(lithe_${name})
+      lithe_light(lithe_${name})
     endif()
     if(ROOM_TICK)
       target_compile_options(lithe_${name} PRIVATE -fno-exceptions -fno-rtti)
