@@ -98,7 +98,9 @@ class Watch:
         tell(f"setpoint at most {bend.max():.0f} rad/s2, torque {slew.max():.0f} N m/s")
         assert speed.max() < float(info["velocity_max_rad_s"][0])
         assert slew.max() < 1.001 * float(info["torque_slew_nm_s"][0])
-        assert bend.max() < FASTEST_RAD_S2 and way.max() < JUMP_RAD
+        assert bend.max() < FASTEST_RAD_S2
+        # Between two wake-ups the speed may bend; the longer they are apart, the more that is on the way.
+        assert (way < JUMP_RAD + FASTEST_RAD_S2 * steps**2 / 8).all()
 
     def at_rest(self, seconds: float = 1.0) -> bool:
         """Whether the setpoint rests in the last ticks."""

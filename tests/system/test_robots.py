@@ -27,7 +27,7 @@ from system.simulated import Simulated, at_terminals, running
 
 pytestmark = pytest.mark.early
 
-SWAPS, STALLED_SWAPS = 60, 20
+SWAPS, STALLED_SWAPS = 40, 12
 BEFORE_NS, AFTER_NS = 5_000_000, 6_000_000
 STALL_S = 0.003
 SURE = 1e-4
@@ -67,6 +67,7 @@ def test_the_demo_runs_unchanged_over_an_fdcanusb(tmp_path: Path, tell: Callable
     tell(f"RMSE of the last law {summary['phases'][-1]['rmse_deg']:.2f} deg, {lost}")
 
 
+@pytest.mark.long
 def test_the_demo_runs_unchanged_on_two_kinds_of_drive(tmp_path: Path, tell: Callable[[str], None]) -> None:
     """Seven joints at once: five bear gravity, and the agent finds out which, and how heavy each is."""
     robot = tmp_path / "frankenstein.toml"

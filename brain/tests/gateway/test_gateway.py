@@ -240,7 +240,7 @@ def test_history_goes_on_where_the_last_answer_ended(remote: Remote) -> None:
     more = remote.call("history", seconds=4.0, since_tick=first["tick"][-1], fields=["tick"])
     assert more["tick"][0] == first["tick"][-1] + 1
     assert len(first["position_rad"][0]) == 1 and more["lost"] == 0
-    assert remote.call("history", since_tick=0, fields=["tick"])["tick"][-1] > more["tick"][-1]
+    RobotRig.wait_for(lambda: remote.call("history", since_tick=0, fields=["tick"])["tick"][-1] > more["tick"][-1])
     thin = remote.call("history", seconds=1.0, every=10, fields=["tick"])
     assert thin["tick"][1] - thin["tick"][0] == 10 and thin["tick"][0] % 10 == 0
 
