@@ -7,8 +7,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <cstdio>
-#include <string>
 #include <vector>
 
 #include "bench/rig/cycles.hpp"

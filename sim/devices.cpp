@@ -2,7 +2,6 @@
 #include "sim/devices.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <utility>
 

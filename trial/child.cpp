@@ -7,9 +7,7 @@
 #include <sys/syscall.h>
 
 #include <algorithm>
-#include <array>
 #include <cstdio>
-#include <memory>
 
 #include "spine/arena/layout.hpp"
 #include "spine/core/host/signals.hpp"

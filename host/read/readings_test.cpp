@@ -2,7 +2,6 @@
 // Text of the kernel: words, masks, tables of interrupts, tasks, partitions, the kind of machine.
 #include <gtest/gtest.h>
 
-#include <string>
 #include <vector>
 
 #include "host/read/interrupt_counts.hpp"

@@ -10,7 +10,6 @@
 #include <map>
 #include <random>
 #include <string>
-#include <vector>
 
 #include "host/test/fake_root.hpp"
 

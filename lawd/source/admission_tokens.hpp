@@ -2,7 +2,6 @@
 // Tokenizer for a law's text, like the compiler's first phases: joins lines, drops comments, keeps positions.
 #pragma once
 
-#include <cstddef>
 #include <string>
 #include <string_view>
 #include <vector>

@@ -8,7 +8,6 @@
 #include <cstddef>
 #include <iterator>
 #include <optional>
-#include <utility>
 
 #include "lawd/source/admission_tokens.hpp"
 #include "lawd/source/help.hpp"

@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <memory>
 
 #include "lawd/run/files.hpp"
 #include "lawd/test/lawd_rig.hpp"

@@ -9,7 +9,6 @@
 #include <time.h>
 
 #include <atomic>
-#include <cstddef>
 #include <cstdint>
 
 #include "spine/contain/environment.hpp"

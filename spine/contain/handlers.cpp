@@ -3,7 +3,6 @@
 #undef _FORTIFY_SOURCE  // its siglongjmp makes a system call when it leaves the alternate stack
 #include <setjmp.h>
 #include <signal.h>
-#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <array>

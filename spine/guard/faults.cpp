@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Finds the faults of this tick, the groups that they stop, and each group's rung.
-#include <algorithm>
 #include <array>
 #include <cmath>
 

@@ -2,7 +2,6 @@
 #include "spine/hal/robot_hardware.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <string>
 #include <utility>
 #include <vector>

@@ -9,7 +9,6 @@
 #include <functional>
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "spine/load/dlopen_store.hpp"
 #include "spine/load/loader.hpp"

@@ -5,8 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
-#include <limits>
-#include <string>
 
 #include "spine/loop/test/tick_rig.hpp"
 

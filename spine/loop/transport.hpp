@@ -3,7 +3,6 @@
 #pragma once
 
 #include <atomic>
-#include <cstdint>
 
 #include "spine/core/rt.hpp"
 #include "spine/core/time.hpp"

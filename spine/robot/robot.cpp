@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <sstream>
 
 #include "spine/core/host/files.hpp"
 #include "spine/core/joints.hpp"

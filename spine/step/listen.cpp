@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a step does with the e-stop, commands, plans and the Brain's heartbeat.
-#include <algorithm>
 
 #include "spine/plan/check.hpp"
 #include "spine/step/step.hpp"

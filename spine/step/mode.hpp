@@ -2,8 +2,6 @@
 // The modes of the Spine, and the commands that change between them.
 #pragma once
 
-#include <cstdint>
-
 #include "spine/core/rt.hpp"
 #include "spine/wire/wire.hpp"
 

@@ -3,7 +3,6 @@
 // the work with laws in laws.cpp.
 #include "spine/step/step.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 

@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstring>
 
 #include "supervisor/events/noise.hpp"
 #include "supervisor/link/spine/test/spine_rig.hpp"

@@ -2,13 +2,10 @@
 #include "supervisor/incident/incidents.hpp"
 
 #include <gtest/gtest.h>
-#include <sys/stat.h>
 
 #include <algorithm>
 #include <fstream>
-#include <memory>
 #include <string>
-#include <string_view>
 
 #include "spine/core/time.hpp"
 #include "spine/ipc/ring.hpp"

@@ -2,8 +2,6 @@
 // `lithe run`: start-up (boot.cpp, first_law.cpp), event loop (supervisor.cpp) and shutdown (stop.cpp) of one robot.
 #pragma once
 
-#include <poll.h>
-
 #include <cstdint>
 #include <functional>
 #include <optional>

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdlib>
 #include <limits>
-#include <string_view>
 #include <utility>
 
 #include "spine/law/diagnosis.hpp"

@@ -6,9 +6,7 @@
 #include <poll.h>
 #include <unistd.h>
 
-#include <memory>
 #include <optional>
-#include <set>
 
 #include "spine/arena/arena.hpp"
 #include "spine/core/time.hpp"

@@ -5,9 +5,7 @@
 #include <sys/types.h>
 
 #include <cstddef>
-#include <cstdint>
 #include <functional>
-#include <string>
 
 #include "spine/core/host/child.hpp"
 #include "spine/core/result.hpp"

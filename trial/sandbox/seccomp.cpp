@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Seccomp filters of a trial. Every other system call raises SIGSYS, and its handler reports the number.
 #include <fcntl.h>
-#include <sched.h>
 #include <seccomp.h>
 #include <signal.h>
 #include <sys/prctl.h>

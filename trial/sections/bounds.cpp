@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Detects a law that uses array entries beyond the robot's joints: they exist (up to kMaxJoints) but are not valid.
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>

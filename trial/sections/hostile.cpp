@@ -2,8 +2,6 @@
 // Hostile inputs. Any output is accepted, because the guard can replace it; but the law must return in time.
 #include <algorithm>
 #include <array>
-#include <cmath>
-#include <cstdio>
 #include <limits>
 
 #include "spine/law/dry_inputs.hpp"

@@ -4,7 +4,6 @@
 #include <fenv.h>
 
 #include <algorithm>
-#include <memory>
 
 namespace lithe::trial {
 

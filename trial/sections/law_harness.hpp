@@ -3,8 +3,6 @@
 #pragma once
 
 #include <array>
-#include <cstdint>
-#include <cstring>
 #include <span>
 #include <vector>
 

@@ -6,7 +6,6 @@
 #include <cstdio>
 #include <limits>
 #include <numbers>
-#include <string>
 #include <utility>
 
 #include "spine/hal/sim/simulate.hpp"

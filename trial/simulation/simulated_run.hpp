@@ -4,7 +4,6 @@
 
 #include <array>
 #include <cstdint>
-#include <limits>
 
 #include "spine/core/result.hpp"
 #include "spine/law/diagnosis.hpp"

@@ -2,8 +2,6 @@
 // Items 19 to 24: what the kernel does on a core on its own account, and the clock.
 #include <fmt/format.h>
 
-#include <array>
-
 #include "host/doctor/checks/checks.hpp"
 #include "host/doctor/notes.hpp"
 #include "host/read/words.hpp"

@@ -2,7 +2,6 @@
 // What `lithe doctor --measure` has seen on one core.
 #pragma once
 
-#include <cstdint>
 #include <optional>
 #include <vector>
 

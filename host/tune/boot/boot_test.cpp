@@ -2,7 +2,6 @@
 #include "host/tune/boot/boot.hpp"
 
 #include <gtest/gtest.h>
-#include <sched.h>
 #include <sys/mount.h>
 #include <unistd.h>
 

@@ -5,7 +5,6 @@
 #include <sys/types.h>
 
 #include <cstddef>
-#include <string>
 #include <vector>
 
 #include "spine/core/result.hpp"

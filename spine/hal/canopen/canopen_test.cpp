@@ -10,7 +10,6 @@
 #include <set>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "spine/hal/canopen/canopen_pdo.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"

@@ -2,7 +2,6 @@
 // Interface of a bus: one exchange per tick, bounded in time and frames.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <string>
 

@@ -9,7 +9,6 @@
 #include <map>
 #include <numbers>
 #include <random>
-#include <vector>
 
 #include "spine/hal/moteus/moteus_faults.hpp"
 #include "spine/wire/wire.hpp"

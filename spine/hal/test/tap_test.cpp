@@ -5,8 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
-#include <memory>
-#include <vector>
 
 #include "spine/core/test/no_alloc.hpp"
 #include "spine/hal/sim/simulate.hpp"

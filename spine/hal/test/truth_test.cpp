@@ -5,7 +5,6 @@
 
 #include <cmath>
 #include <numbers>
-#include <string>
 
 #include "spine/hal/cia402/sim/cia402_servo.hpp"
 #include "spine/hal/moteus/sim/servo.hpp"

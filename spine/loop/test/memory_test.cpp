@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the tick does when memory that must not change was found changed.
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "spine/loop/test/tick_rig.hpp"

@@ -2,7 +2,6 @@
 // Beyond its limits a robot is not armed; recover brings it back, slowly and with little torque, or says why not.
 #include <gtest/gtest.h>
 
-#include <memory>
 #include <string>
 
 #include "spine/loop/test/recover_rig.hpp"

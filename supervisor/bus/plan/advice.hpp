@@ -2,7 +2,6 @@
 // Advice for a robot whose buses are too busy.
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 

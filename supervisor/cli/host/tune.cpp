@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <filesystem>
 
 #include "host/tune/shield/shield.hpp"
 #include "spine/core/host/cores.hpp"

@@ -6,7 +6,6 @@
 #include <set>
 #include <string>
 #include <system_error>
-#include <vector>
 
 #include "spine/core/host/paths.hpp"
 #include "supervisor/cli/core/act.hpp"

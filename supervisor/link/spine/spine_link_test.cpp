@@ -3,12 +3,9 @@
 #include "supervisor/link/spine/spine_link.hpp"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <atomic>
-#include <memory>
 #include <optional>
-#include <string>
 #include <thread>
 
 #include "supervisor/link/spine/test/spine_rig.hpp"

@@ -6,9 +6,7 @@
 #include <gtest/gtest.h>
 #include <termios.h>
 
-#include <array>
 #include <atomic>
-#include <cerrno>
 #include <memory>
 #include <thread>
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/cia401/sim/sim_cia401.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 

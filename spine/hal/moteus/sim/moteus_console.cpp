@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/moteus/sim/moteus_console.hpp"
 
-#include <limits>
-
 #include "spine/hal/bus/serial/words.hpp"
 #include "spine/hal/moteus/numbers.hpp"
 

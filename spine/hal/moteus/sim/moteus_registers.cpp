@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The registers of a simulated moteus: values and access rights.
 #include <array>
-#include <cmath>
 #include <limits>
 #include <numbers>
 

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <memory>
 #include <random>
-#include <string>
 #include <vector>
 
 #include "spine/hal/bus/loop/loop_bus.hpp"
