@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "spine/hal/canopen/canopen.hpp"
+#include "spine/hal/canopen/canopen_words.hpp"
 
 namespace lithe::hal::canopen {
 namespace {
@@ -33,43 +34,28 @@ std::uint8_t expedited(std::uint8_t base, std::size_t bytes) LITHE_RT {
   return static_cast<std::uint8_t>(base | (4 - bytes) << 2 | kExpedited | kSizeSaid);
 }
 
+constexpr Names kAborts[] = {
+    {abort_code::kToggle, "toggle bit not alternated"},
+    {abort_code::kTimedOut, "no answer"},
+    {abort_code::kCommand, "command not known"},
+    {abort_code::kOutOfMemory, "out of memory"},
+    {abort_code::kUnsupportedAccess, "access not supported"},
+    {abort_code::kWriteOnly, "object is write-only"},
+    {abort_code::kReadOnly, "object is read-only"},
+    {abort_code::kNoObject, "no such object"},
+    {abort_code::kNotMappable, "object cannot be mapped"},
+    {abort_code::kPdoTooLong, "more than a PDO holds"},
+    {abort_code::kLength, "wrong length"},
+    {abort_code::kNoSubindex, "no such subindex"},
+    {abort_code::kValue, "value out of range"},
+    {abort_code::kState, "not in this state of the device"},
+    {abort_code::kGeneral, "general error"},
+};
+
 }  // namespace
 
 std::string_view abort_name(std::uint32_t code) LITHE_RT {
-  switch (code) {
-    case abort_code::kToggle:
-      return "toggle bit not alternated";
-    case abort_code::kTimedOut:
-      return "no answer";
-    case abort_code::kCommand:
-      return "command not known";
-    case abort_code::kOutOfMemory:
-      return "out of memory";
-    case abort_code::kUnsupportedAccess:
-      return "access not supported";
-    case abort_code::kWriteOnly:
-      return "object is write-only";
-    case abort_code::kReadOnly:
-      return "object is read-only";
-    case abort_code::kNoObject:
-      return "no such object";
-    case abort_code::kNotMappable:
-      return "object cannot be mapped";
-    case abort_code::kPdoTooLong:
-      return "more than a PDO holds";
-    case abort_code::kLength:
-      return "wrong length";
-    case abort_code::kNoSubindex:
-      return "no such subindex";
-    case abort_code::kValue:
-      return "value out of range";
-    case abort_code::kState:
-      return "not in this state of the device";
-    case abort_code::kGeneral:
-      return "general error";
-    default:
-      return "a reason of the maker's own";
-  }
+  return name_in(kAborts, code, "a reason of the maker's own");
 }
 
 std::uint32_t milliseconds(double seconds) {

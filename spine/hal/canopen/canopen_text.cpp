@@ -2,9 +2,6 @@
 // Text for CANopen frames.
 #include <fmt/format.h>
 
-#include <algorithm>
-#include <utility>
-
 #include "spine/hal/canopen/canopen_scanner.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "spine/hal/canopen/canopen_words.hpp"
@@ -12,7 +9,7 @@
 namespace lithe::hal::canopen {
 namespace {
 
-constexpr std::pair<std::uint16_t, const char*> kObjects[] = {
+constexpr Names kObjects[] = {
     {object::kDeviceType, "device type"},
     {object::kErrorRegister, "error register"},
     {object::kDeviceName, "device name"},
@@ -22,9 +19,8 @@ constexpr std::pair<std::uint16_t, const char*> kObjects[] = {
 };
 
 std::string_view object_name(std::uint16_t index, const FrameContext& context) {
-  const auto* const found =
-      std::find_if(std::begin(kObjects), std::end(kObjects), [index](const auto& each) { return each.first == index; });
-  return found != std::end(kObjects) ? found->second : context.object_name(index);
+  const std::string_view common = name_in(kObjects, index);
+  return common.empty() ? context.object_name(index) : common;
 }
 
 std::string object_text(Address address, const FrameContext& context) {

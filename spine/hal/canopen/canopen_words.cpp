@@ -1,51 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/canopen/canopen_words.hpp"
 
+#include <iterator>
+
 #include "spine/hal/canopen/canopen.hpp"
 
 namespace lithe::hal::canopen {
 
+namespace {
+
+constexpr Names kEmergencies[] = {
+    {emergency::kOverCurrent, "over-current"},
+    {emergency::kOverVoltage, "over-voltage"},
+    {emergency::kUnderVoltage, "under-voltage"},
+    {emergency::kTooHot, "too hot"},
+    {emergency::kSensor, "sensor"},
+    {emergency::kHeartbeatLost, "heartbeat lost"},
+    {emergency::kPdoTooShort, "process data too short"},
+    {emergency::kFollowingError, "following error"},
+};
+// By the uppermost digit, from 1.
+constexpr std::string_view kClasses[] = {
+    "generic", "current", "voltage", "temperature", "hardware", "software", "additional modules", "monitoring"};
+
+}  // namespace
+
 std::string_view emergency_name(std::uint16_t code) {
-  switch (code) {
-    case emergency::kOverCurrent:
-      return "over-current";
-    case emergency::kOverVoltage:
-      return "over-voltage";
-    case emergency::kUnderVoltage:
-      return "under-voltage";
-    case emergency::kTooHot:
-      return "too hot";
-    case emergency::kSensor:
-      return "sensor";
-    case emergency::kHeartbeatLost:
-      return "heartbeat lost";
-    case emergency::kPdoTooShort:
-      return "process data too short";
-    case emergency::kFollowingError:
-      return "following error";
-    default:
-      break;
-  }
-  switch (code >> 12) {
-    case 1:
-      return "generic";
-    case 2:
-      return "current";
-    case 3:
-      return "voltage";
-    case 4:
-      return "temperature";
-    case 5:
-      return "hardware";
-    case 6:
-      return "software";
-    case 7:
-      return "additional modules";
-    case 8:
-      return "monitoring";
-    default:
-      return "of the maker's own";
-  }
+  const std::size_t first = code >> 12;
+  return name_in(kEmergencies, code, first - 1 < std::size(kClasses) ? kClasses[first - 1] : "of the maker's own");
 }
 
 std::string hex(std::uint32_t value, std::size_t digits) {

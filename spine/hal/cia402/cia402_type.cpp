@@ -2,8 +2,6 @@
 #include "spine/hal/cia402/cia402_type.hpp"
 
 #include <algorithm>
-#include <iterator>
-#include <utility>
 
 #include "spine/hal/canopen/canopen_master.hpp"
 #include "spine/hal/canopen/canopen_words.hpp"
@@ -14,7 +12,7 @@ namespace {
 
 constexpr std::uint32_t kUnnamedClass = 0xff;  // of a drive that failed and sent no emergency
 
-constexpr std::pair<std::uint16_t, std::string_view> kObjects[] = {
+constexpr canopen::Names kObjects[] = {
     {object::kAbortConnection, "abort connection"},
     {object::kErrorCode, "error code"},
     {object::kControlword, "control"},
@@ -153,10 +151,6 @@ std::string process_value(const canopen::Mapped& mapped, std::uint32_t raw) {
          (thousandths ? "/1000" : "");
 }
 
-std::string_view object_name(std::uint16_t index) {
-  const auto* const found =
-      std::find_if(std::begin(kObjects), std::end(kObjects), [index](const auto& each) { return each.first == index; });
-  return found == std::end(kObjects) ? std::string_view() : found->second;
-}
+std::string_view object_name(std::uint16_t index) { return canopen::name_in(kObjects, index); }
 
 }  // namespace lithe::hal::cia402

@@ -23,6 +23,18 @@ class Cia402Faults : public Cia402Line {
     };
   }
   void lose_power() { EXPECT_TRUE(drive().inject(InjectedFault::power_loss, true, now_ns_)); }
+  void expect_on_again(int off_ms = 1) {
+    act(DriveAction::off, off_ms);
+    act(DriveAction::torque, 10);
+    EXPECT_EQ(drive_state(), State::operation_enabled);
+  }
+  // It answers again, and stays off until it is told so once.
+  void expect_it_needs_off() {
+    EXPECT_TRUE(fresh());
+    EXPECT_EQ(drivers_[0]->why_not_ready(), "");
+    EXPECT_NE(drive_state(), State::operation_enabled);
+    expect_on_again();
+  }
   void expect_refused(const std::vector<std::string>& words) {
     act(DriveAction::off, 1000);
     act(DriveAction::torque, 50);
@@ -134,9 +146,7 @@ TEST_F(Cia402Faults, ADriveThatRestartsIsSetUpAgainAndWaitsForOff) {
   EXPECT_TRUE(fresh());
   EXPECT_EQ(drive().dictionary().value(0x6007), 3U);
   EXPECT_EQ(drive_state(), State::switch_on_disabled);  // it does not start by itself
-  act(DriveAction::off);
-  act(DriveAction::torque, 10);
-  EXPECT_EQ(drive_state(), State::operation_enabled);
+  expect_on_again();
 }
 
 TEST_F(Cia402Faults, ARestartInTheMiddleOfTheSetUpStartsItAgain) {
@@ -145,9 +155,7 @@ TEST_F(Cia402Faults, ARestartInTheMiddleOfTheSetUpStartsItAgain) {
     act(DriveAction::off, 105 + at);
     lose_power();
   }
-  act(DriveAction::off, 300);
-  act(DriveAction::torque, 10);
-  EXPECT_EQ(drive_state(), State::operation_enabled);
+  expect_on_again(300);
 }
 
 TEST_F(Cia402Faults, ADriveThatSomebodyStoppedIsSetUpAgain) {
@@ -158,9 +166,7 @@ TEST_F(Cia402Faults, ADriveThatSomebodyStoppedIsSetUpAgain) {
   cycle(300);
   EXPECT_TRUE(fresh());
   EXPECT_TRUE(has(wire::joint_status::kWatchdog));
-  act(DriveAction::off, 2);
-  act(DriveAction::torque, 10);
-  EXPECT_EQ(drive_state(), State::operation_enabled);
+  expect_on_again(2);
 }
 
 TEST_F(Cia402Faults, ASilentDriveIsLostAndNeedsOffWhenItIsBack) {
@@ -173,12 +179,7 @@ TEST_F(Cia402Faults, ASilentDriveIsLostAndNeedsOffWhenItIsBack) {
     EXPECT_NE(drivers_[0]->why_not_ready().find("heartbeat"), std::string::npos);
     cables_[0]->there = cables_[0]->back = [](Frame&) { return true; };
     cycle(300);
-    EXPECT_TRUE(fresh());
-    EXPECT_EQ(drivers_[0]->why_not_ready(), "");
-    EXPECT_NE(drive_state(), State::operation_enabled);
-    act(DriveAction::off);
-    act(DriveAction::torque, 10);
-    EXPECT_EQ(drive_state(), State::operation_enabled);
+    expect_it_needs_off();
   }
 }
 
@@ -192,12 +193,7 @@ TEST_F(Cia402Faults, ADriveThatRestartedWhileNobodyHeardItIsFoundAgain) {
   cycle(900);
   cables_[0]->there = cables_[0]->back = [](Frame&) { return true; };
   cycle(6000);
-  EXPECT_TRUE(fresh());
-  EXPECT_EQ(drivers_[0]->why_not_ready(), "");
-  EXPECT_NE(drive_state(), State::operation_enabled);
-  act(DriveAction::off);
-  act(DriveAction::torque, 10);
-  EXPECT_EQ(drive_state(), State::operation_enabled);
+  expect_it_needs_off();
 }
 
 TEST_F(Cia402Faults, OneFrameInTenLostDelaysTheStartAndNothingElse) {

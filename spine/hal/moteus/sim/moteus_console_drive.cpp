@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The console's `d` commands.
 #include <limits>
+#include <utility>
 
 #include "spine/hal/bus/serial/words.hpp"
 #include "spine/hal/moteus/numbers.hpp"
@@ -12,34 +13,23 @@ using moteus::Mode;
 
 namespace {
 
+constexpr std::pair<char, double ServoCommand::*> kOptions[] = {{'p', &ServoCommand::kp_scale},
+                                                                {'d', &ServoCommand::kd_scale},
+                                                                {'i', &ServoCommand::integral_scale},
+                                                                {'s', &ServoCommand::stop_position_rev},
+                                                                {'f', &ServoCommand::torque_nm},
+                                                                {'t', &ServoCommand::watchdog_s},
+                                                                {'a', &ServoCommand::acceleration_limit_rev_s2},
+                                                                {'v', &ServoCommand::velocity_limit_rev_s},
+                                                                {'o', &ServoCommand::fixed_voltage_v},
+                                                                {'c', &ServoCommand::fixed_current_a},
+                                                                {'b', &ServoCommand::ignore_bounds}};
+
 // The field of an option; null for an unknown letter.
 double* option(ServoCommand& command, char letter) LITHE_RT {
-  switch (letter) {
-    case 'p':
-      return &command.kp_scale;
-    case 'd':
-      return &command.kd_scale;
-    case 'i':
-      return &command.integral_scale;
-    case 's':
-      return &command.stop_position_rev;
-    case 'f':
-      return &command.torque_nm;
-    case 't':
-      return &command.watchdog_s;
-    case 'a':
-      return &command.acceleration_limit_rev_s2;
-    case 'v':
-      return &command.velocity_limit_rev_s;
-    case 'o':
-      return &command.fixed_voltage_v;
-    case 'c':
-      return &command.fixed_current_a;
-    case 'b':
-      return &command.ignore_bounds;
-    default:
-      return nullptr;
-  }
+  for (const auto& [each, field] : kOptions)
+    if (each == letter) return &(command.*field);
+  return nullptr;
 }
 
 bool read_options(std::string_view words, ServoCommand& command) LITHE_RT {

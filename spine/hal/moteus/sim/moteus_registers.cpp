@@ -138,56 +138,48 @@ bool SimMoteus::read_register(std::uint32_t number, Format format, double& value
     value = *source;
     return true;
   }
-  if (number < reg::kCommandPosition) return read_status(number, value);
+  if (number < reg::kCommandPosition) {
+    const std::optional<double> known = status(number);
+    value = known.value_or(0);
+    return known.has_value();
+  }
   if (number < reg::kEncoder) return read_control(number, value);
   if (number < reg::kModel) return read_ports(number, format, value);
   return read_identity(number, format, value);
 }
 
-bool SimMoteus::read_status(std::uint32_t number, double& value) LITHE_RT {
-  Servo& servo = inside_.servo;
+std::optional<double> SimMoteus::status(std::uint32_t number) const LITHE_RT {
+  const Servo& servo = inside_.servo;
   const ServoParams& params = servo.params();
   switch (number) {
     case reg::kMode:
-      value = static_cast<double>(servo.mode());
-      return true;
+      return static_cast<double>(servo.mode());
     case reg::kPosition:
     case reg::kAbsPosition:
-      value = servo.position_rev();
-      return true;
+      return servo.position_rev();
     case reg::kVelocity:
-      value = servo.velocity_rev_s();
-      return true;
+      return servo.velocity_rev_s();
     case reg::kTorque:
-      value = servo.torque_nm();
-      return true;
+      return servo.torque_nm();
     case reg::kQCurrent:
-      value = servo.torque_nm() / params.torque_constant_nm_a;
-      return true;
+      return servo.torque_nm() / params.torque_constant_nm_a;
     case reg::kDCurrent:
-      value = 0;
-      return true;
+      return 0;
     case reg::kPower:
-      value = servo.torque_nm() * servo.velocity_rev_s() * 2 * std::numbers::pi;
-      return true;
+      return servo.torque_nm() * servo.velocity_rev_s() * 2 * std::numbers::pi;
     case reg::kMotorTemperature:
     case reg::kTemperature:
-      value = params.temperature_c;
-      return true;
+      return params.temperature_c;
     case reg::kTrajectoryComplete:
-      value = servo.trajectory_complete() ? 1 : 0;
-      return true;
+      return servo.trajectory_complete() ? 1 : 0;
     case reg::kHomeState:
-      value = homed_ ? servo.home() : 0;
-      return true;
+      return homed_ ? servo.home() : 0;
     case reg::kVoltage:
-      value = params.supply_v;
-      return true;
+      return params.supply_v;
     case reg::kFault:
-      value = servo.fault();
-      return true;
+      return servo.fault();
     default:
-      return false;
+      return std::nullopt;
   }
 }
 

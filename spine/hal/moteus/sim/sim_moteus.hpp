@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <optional>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
@@ -61,7 +62,7 @@ class SimMoteus final : public BusNode {
   Access write_mode(double value) LITHE_RT;
   double* auxiliary(std::uint32_t number) LITHE_RT;
   bool read_register(std::uint32_t number, moteus::Format format, double& value) LITHE_RT;
-  bool read_status(std::uint32_t number, double& value) LITHE_RT;
+  std::optional<double> status(std::uint32_t number) const LITHE_RT;
   bool read_control(std::uint32_t number, double& value) LITHE_RT;
   bool read_ports(std::uint32_t number, moteus::Format format, double& value) LITHE_RT;
   bool read_identity(std::uint32_t number, moteus::Format format, double& value) LITHE_RT;
