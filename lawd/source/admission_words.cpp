@@ -30,6 +30,14 @@ constexpr std::array<std::string_view, 11> kHarmlessReserved = {
 struct Word {
   std::string_view word, why;
 };
+
+// Several of one reason.
+struct Group {
+  std::string_view why;
+  std::array<std::string_view, 22> names;
+
+  bool has(std::string_view word) const { return !word.empty() && contains(names, word); }
+};
 constexpr std::string_view kNoHeap =
     "a law allocates nothing: use a std::array of fixed size, in State if it must outlive the step";
 constexpr std::string_view kNoPrint =
@@ -46,136 +54,69 @@ constexpr std::string_view kNoEnd = "a law may not end, copy or signal its proce
 constexpr std::string_view kNoThrow = "a law has no exceptions: test the value, set a safe torque and return";
 constexpr std::string_view kNoCast = "a law works on numbers and never on raw memory: keep the type, or copy the value";
 constexpr std::string_view kNoCoroutine = "coroutines allocate: keep what must be remembered in State";
-constexpr std::array kWords = std::to_array<Word>({
-    {"asm", "inline assembly cannot be checked: write it in C++"},
-    {"extern", "a law declares nothing from outside itself: <cmath> and the contract are all it may call"},
-    {"new", kNoHeap},
-    {"delete", kNoHeap},
-    {"throw", kNoThrow},
-    {"try", kNoThrow},
-    {"catch", kNoThrow},
-    {"thread_local", "a law has no memory but its State: move the variable there"},
-    {"virtual", "virtual functions are calls through memory: use a template, an if or a switch"},
-    {"dynamic_cast", "there is no run-time type information in a law"},
-    {"typeid", "there is no run-time type information in a law"},
-    {"reinterpret_cast", kNoCast},
-    {"const_cast", "the inputs are not a law's to change: copy what you need"},
-    {"co_await", kNoCoroutine},
-    {"co_yield", kNoCoroutine},
-    {"co_return", kNoCoroutine},
-    {"export", "a law is one file, not a module"},
-    {"__asm__", "inline assembly cannot be checked: write it in C++"},
-    {"__asm", "inline assembly cannot be checked: write it in C++"},
-    {"_Pragma", "it changes how the law is compiled or checked: remove it"},
-    {"__attribute__", "attributes in this form are not for laws: remove it, or use a standard [[attribute]]"},
-    {"__attribute", "attributes in this form are not for laws: remove it, or use a standard [[attribute]]"},
-    {"__thread", "a law has no memory but its State: move the variable there"},
-    {"__has_include", "a law compiles to the same code everywhere: it may not ask what is on the disk"},
-    {"__has_include_next", "a law compiles to the same code everywhere: it may not ask what is on the disk"},
-    {"__DATE__", "the same law must give the same object each time: write the text itself"},
-    {"__TIME__", "the same law must give the same object each time: write the text itself"},
-    {"__TIMESTAMP__", "the same law must give the same object each time: write the text itself"},
+constexpr std::array kWords = std::to_array<Group>({
+    {"inline assembly cannot be checked: write it in C++", {"asm", "__asm__", "__asm"}},
+    {"a law declares nothing from outside itself: <cmath> and the contract are all it may call", {"extern"}},
+    {kNoHeap, {"new", "delete"}},
+    {kNoThrow, {"throw", "try", "catch"}},
+    {"a law has no memory but its State: move the variable there", {"thread_local", "__thread"}},
+    {"virtual functions are calls through memory: use a template, an if or a switch", {"virtual"}},
+    {"there is no run-time type information in a law", {"dynamic_cast", "typeid"}},
+    {kNoCast, {"reinterpret_cast"}},
+    {"the inputs are not a law's to change: copy what you need", {"const_cast"}},
+    {kNoCoroutine, {"co_await", "co_yield", "co_return"}},
+    {"a law is one file, not a module", {"export"}},
+    {"it changes how the law is compiled or checked: remove it", {"_Pragma"}},
+    {"attributes in this form are not for laws: remove it, or use a standard [[attribute]]",
+     {"__attribute__", "__attribute"}},
+    {"a law compiles to the same code everywhere: it may not ask what is on the disk",
+     {"__has_include", "__has_include_next"}},
+    {"the same law must give the same object each time: write the text itself",
+     {"__DATE__", "__TIME__", "__TIMESTAMP__"}},
 });
 
 // Of the standard library, outside the headers that a law may include.
-constexpr std::array kStdNames = std::to_array<Word>({
-    {"vector", kNoHeap},
-    {"string", kNoHeap},
-    {"map", kNoHeap},
-    {"unordered_map", kNoHeap},
-    {"set", kNoHeap},
-    {"unordered_set", kNoHeap},
-    {"list", kNoHeap},
-    {"deque", kNoHeap},
-    {"queue", kNoHeap},
-    {"function", kNoHeap},
-    {"unique_ptr", kNoHeap},
-    {"shared_ptr", kNoHeap},
-    {"make_unique", kNoHeap},
-    {"make_shared", kNoHeap},
-    {"cout", kNoPrint},
-    {"cerr", kNoPrint},
-    {"printf", kNoPrint},
-    {"print", kNoPrint},
-    {"println", kNoPrint},
-    {"thread", kNoThread},
-    {"mutex", kNoThread},
-    {"async", kNoThread},
-    {"chrono", kNoClock},
-    {"jthread", kNoThread},
-    {"this_thread", kNoThread},
-    {"lock_guard", kNoThread},
-    {"atomic", kNoThread},
-    {"future", kNoThread},
-    {"multimap", kNoHeap},
-    {"stack", kNoHeap},
-    {"valarray", kNoHeap},
-    {"to_string", kNoHeap},
-    {"stringstream", kNoHeap},
-    {"any", kNoHeap},
-    {"endl", kNoPrint},
-    {"clog", kNoPrint},
-    {"format", kNoPrint},
-    {"ifstream", kNoFile},
-    {"ofstream", kNoFile},
-    {"fstream", kNoFile},
-    {"exception", kNoThrow},
-    {"runtime_error", kNoThrow},
-    {"mt19937", kNoChance},
-    {"random_device", kNoChance},
-    {"default_random_engine", kNoChance},
-    {"uniform_real_distribution", kNoChance},
-    {"normal_distribution", kNoChance},
-    {"rand", kNoChance},
-    {"srand", kNoChance},
+constexpr std::array kStdNames = std::to_array<Group>({
+    {kNoHeap, {"vector",        "string",     "map",         "unordered_map", "set",
+               "unordered_set", "list",       "deque",       "queue",         "function",
+               "unique_ptr",    "shared_ptr", "make_unique", "make_shared",   "multimap",
+               "stack",         "valarray",   "to_string",   "stringstream",  "any"}},
+    {kNoPrint, {"cout", "cerr", "printf", "print", "println", "endl", "clog", "format"}},
+    {kNoThread, {"thread", "mutex", "async", "jthread", "this_thread", "lock_guard", "atomic", "future"}},
+    {kNoClock, {"chrono"}},
+    {kNoFile, {"ifstream", "ofstream", "fstream"}},
+    {kNoThrow, {"exception", "runtime_error"}},
+    {kNoChance,
+     {"mt19937", "random_device", "default_random_engine", "uniform_real_distribution", "normal_distribution", "rand",
+      "srand"}},
 });
 // Functions by their bare names.
-constexpr std::array kCalls = std::to_array<Word>({
-    {"printf", kNoPrint},       {"fprintf", kNoPrint}, {"puts", kNoPrint},      {"snprintf", kNoPrint},
-    {"sprintf", kNoPrint},      {"malloc", kNoHeap},   {"calloc", kNoHeap},     {"realloc", kNoHeap},
-    {"free", kNoHeap},          {"rand", kNoChance},   {"srand", kNoChance},    {"fopen", kNoFile},
-    {"sleep", kNoClock},        {"usleep", kNoClock},  {"nanosleep", kNoClock}, {"clock_gettime", kNoClock},
-    {"gettimeofday", kNoClock}, {"exit", kNoEnd},      {"abort", kNoEnd},       {"assert", kNoEnd},
+constexpr std::array kCalls = std::to_array<Group>({
+    {kNoPrint, {"printf", "fprintf", "puts", "snprintf", "sprintf"}},
+    {kNoHeap, {"malloc", "calloc", "realloc", "free"}},
+    {kNoChance, {"rand", "srand"}},
+    {kNoFile, {"fopen"}},
+    {kNoClock, {"sleep", "usleep", "nanosleep", "clock_gettime", "gettimeofday"}},
+    {kNoEnd, {"exit", "abort", "assert"}},
 });
-constexpr std::array kRefusedHeaders = std::to_array<Word>({
-    {"<vector>", kNoHeap},
-    {"<string>", kNoHeap},
-    {"<map>", kNoHeap},
-    {"<unordered_map>", kNoHeap},
-    {"<set>", kNoHeap},
-    {"<list>", kNoHeap},
-    {"<deque>", kNoHeap},
-    {"<queue>", kNoHeap},
-    {"<memory>", kNoHeap},
-    {"<functional>", "call the function itself, or a lambda: std::function allocates"},
-    {"<iostream>", kNoPrint},
-    {"<cstdio>", kNoPrint},
-    {"<stdio.h>", kNoPrint},
-    {"<sstream>", kNoPrint},
-    {"<iomanip>", kNoPrint},
-    {"<format>", kNoPrint},
-    {"<fstream>", kNoFile},
-    {"<filesystem>", kNoFile},
-    {"<thread>", kNoThread},
-    {"<mutex>", kNoThread},
-    {"<atomic>", kNoThread},
-    {"<future>", kNoThread},
-    {"<condition_variable>", kNoThread},
-    {"<chrono>", kNoClock},
-    {"<ctime>", kNoClock},
-    {"<time.h>", kNoClock},
-    {"<random>", kNoChance},
-    {"<cstdlib>", "std::abs, std::fabs and the rest of mathematics are in <cmath>"},
-    {"<stdlib.h>", "std::abs, std::fabs and the rest of mathematics are in <cmath>"},
-    {"<math.h>", "write <cmath>"},
-    {"<stdint.h>", "write <cstdint>"},
-    {"<cassert>", kNoEnd},
-    {"<stdexcept>", kNoThrow},
-    {"<exception>", kNoThrow},
-    {"<cstring>", "assign structs and arrays, without memcpy"},
-    {"<utility>", "<algorithm> brings std::swap, std::pair and std::move"},
-    {"<optional>", "use a bool field beside the value"},
-    {"<eigen3/Eigen/Dense>", "write <Eigen/Dense>"},
+constexpr std::array kRefusedHeaders = std::to_array<Group>({
+    {kNoHeap,
+     {"<vector>", "<string>", "<map>", "<unordered_map>", "<set>", "<list>", "<deque>", "<queue>", "<memory>"}},
+    {"call the function itself, or a lambda: std::function allocates", {"<functional>"}},
+    {kNoPrint, {"<iostream>", "<cstdio>", "<stdio.h>", "<sstream>", "<iomanip>", "<format>"}},
+    {kNoFile, {"<fstream>", "<filesystem>"}},
+    {kNoThread, {"<thread>", "<mutex>", "<atomic>", "<future>", "<condition_variable>"}},
+    {kNoClock, {"<chrono>", "<ctime>", "<time.h>"}},
+    {kNoChance, {"<random>"}},
+    {"std::abs, std::fabs and the rest of mathematics are in <cmath>", {"<cstdlib>", "<stdlib.h>"}},
+    {"write <cmath>", {"<math.h>"}},
+    {"write <cstdint>", {"<stdint.h>"}},
+    {kNoEnd, {"<cassert>"}},
+    {kNoThrow, {"<stdexcept>", "<exception>"}},
+    {"assign structs and arrays, without memcpy", {"<cstring>"}},
+    {"<algorithm> brings std::swap, std::pair and std::move", {"<utility>"}},
+    {"use a bool field beside the value", {"<optional>"}},
+    {"write <Eigen/Dense>", {"<eigen3/Eigen/Dense>"}},
 });
 
 constexpr std::array<std::string_view, 9> kAttributes = {
@@ -218,10 +159,6 @@ constexpr std::array<std::string_view, 10> kOnlyTrap = {"abort",
                                                         "lgamma",
                                                         "lgammaf"};
 
-struct Group {
-  std::string_view why;
-  std::array<std::string_view, 22> names;
-};
 constexpr std::array kGroups = std::to_array<Group>({
     {kNoHeap,
      {"malloc", "calloc", "realloc", "free", "aligned_alloc", "posix_memalign", "strdup", "mmap", "munmap", "brk",
@@ -248,8 +185,8 @@ constexpr std::array kGroups = std::to_array<Group>({
 });
 
 template <std::size_t N>
-std::string_view why_listed(const std::array<Word, N>& list, std::string_view word) {
-  const auto found = std::find_if(list.begin(), list.end(), [word](const Word& each) { return each.word == word; });
+std::string_view why_listed(const std::array<Group, N>& list, std::string_view word) {
+  const auto found = std::find_if(list.begin(), list.end(), [word](const Group& each) { return each.has(word); });
   return found == list.end() ? "" : found->why;
 }
 
@@ -300,7 +237,7 @@ bool is_allowed_symbol(std::string_view symbol) {
 std::string why_symbol_is_refused(std::string_view symbol, std::string_view readable) {
   const std::string_view bare = readable.substr(0, readable.find('('));
   for (const Group& group : kGroups)
-    if (!bare.empty() && (contains(group.names, symbol) || contains(group.names, bare))) return std::string(group.why);
+    if (group.has(bare) || group.has(symbol)) return std::string(group.why);
   for (const Word& entry : kAdvice)
     if (readable.starts_with(entry.word)) return std::string(entry.why);
   if (symbol.ends_with("l") && is_allowed_symbol(symbol.substr(0, symbol.size() - 1)))
