@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <variant>
 
 #include "spine/core/text.hpp"
@@ -27,6 +28,13 @@ struct Refusal {
 };
 
 using Answer = std::variant<Json, Refusal>;
+
+// The value of an outcome. Throws the Refusal if it is one: main() prints it, a verb answers with it.
+template <class T>
+T value_of(std::variant<T, Refusal> outcome) {
+  if (auto* refusal = std::get_if<Refusal>(&outcome)) throw std::move(*refusal);
+  return std::get<T>(std::move(outcome));
+}
 
 // Text that may hold any byte (a compiler's output, a client's source) as one line of valid JSON.
 inline std::string dump_line(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }

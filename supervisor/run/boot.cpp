@@ -86,13 +86,12 @@ void Supervisor::take_lease() {
   std::error_code failure;
   fs::create_directories(run_dir(), failure);
   if (failure) throw Halt{1, fmt::format("cannot create {}: {}; set LITHE_RUN_DIR", run_dir(), failure.message())};
-  auto lease = ipc::Lease::try_take(ipc::Segment<ipc::ControlMemory>::path(config_.name));
-  if (!lease) throw Halt{1, lease.message()};
-  if (!*lease) {
+  auto lease = must(ipc::Lease::try_take(ipc::Segment<ipc::ControlMemory>::path(config_.name)));
+  if (!lease) {
     throw Halt{1, fmt::format("robot '{}' already has a supervisor (pid {}); use lithe status, or stop it first",
                               config_.name, holder_of(config_.name))};
   }
-  lease_ = std::move(**lease);
+  lease_ = std::move(*lease);
   owns_files_ = true;
   if (!(std::ofstream(pid_path(config_.name)) << ::getpid() << std::endl)) {
     throw Halt{1, fmt::format("cannot write {}: {}; disk full, or over a limit (ulimit -f)?", pid_path(config_.name),
@@ -127,9 +126,8 @@ void Supervisor::check_robot() {
   launch.stderr_fd = theirs.get();
   launch.dies_with_parent = true;
   launch.cpus = all_cpus_;
-  auto process = Process::start(launch);
+  Process process = must(Process::start(launch));
   theirs.reset();
-  if (!process) throw Halt{1, process.message()};
   std::string said;
   char chunk[4096];
   pollfd wait{ours.get(), POLLIN, 0};
@@ -137,21 +135,21 @@ void Supervisor::check_robot() {
     got = ::read(ours.get(), chunk, sizeof(chunk));
     said.append(chunk, static_cast<std::size_t>(std::max<ssize_t>(got, 0)));
   }
-  if (!process->wait(kCheckTimeoutMs) || process->exit_code().value_or(1) != 0) {
-    process->signal(SIGKILL);  // it hangs
+  if (!process.wait(kCheckTimeoutMs) || process.exit_code().value_or(1) != 0) {
+    process.signal(SIGKILL);  // it hangs
     constexpr std::string_view kWho = "lithe-spine: ";
     said.erase(0, said.starts_with(kWho) ? kWho.size() : 0);
     said.erase(said.find_last_not_of('\n') + 1);
     throw Halt{
-        process->exit_code() == 2 ? 2 : 1,
-        said.empty() ? fmt::format("the check of {} failed: {}", options_.config_path, process->verdict()) : said};
+        process.exit_code() == 2 ? 2 : 1,
+        said.empty() ? fmt::format("the check of {} failed: {}", options_.config_path, process.verdict()) : said};
   }
 }
 
 void Supervisor::start_lawd() {
   arena_ = open_arena(config_);
   lawd_.give(arena_.get());
-  if (const auto started = lawd_.start(monotonic_ns()); !started) throw Halt{1, started.message()};
+  must(lawd_.start(monotonic_ns()));
 }
 
 // Started before the Spine, like lawd: it forks.
@@ -164,7 +162,7 @@ void Supervisor::start_trial() {
     return;
   }
   trial_.give(arena_.get());
-  if (const auto started = trial_.start(monotonic_ns()); !started) throw Halt{1, started.message()};
+  must(trial_.start(monotonic_ns()));
 }
 
 void Supervisor::start_spine() {
@@ -184,9 +182,7 @@ void Supervisor::start_spine() {
   launch.extra_fd = arena_.get();
   launch.own_session = true;
   launch.cpus = all_cpus_;
-  auto process = Process::start(launch);
-  if (!process) throw Halt{1, process.message()};
-  spine_.emplace(std::move(*process));
+  spine_.emplace(must(Process::start(launch)));
   const auto ready = [this] { return spine_said_.find("\"ready\"") != std::string::npos; };
   if (!turn_until(ready, kReadyTimeoutNs))
     throw Halt{3, fmt::format("the Spine was not ready within 30 s; see {}", log_path_)};
@@ -212,11 +208,7 @@ void Supervisor::adopt_spine(pid_t pid) {
   spdlog::info("robot '{}' is already ticking (Spine pid {}): adopted as it is", config_.name, pid);
 }
 
-void Supervisor::attach() {
-  auto link = SpineLink::attach(config_.name);
-  if (!link) throw Halt{1, link.message()};
-  serve_spine(std::move(*link));
-}
+void Supervisor::attach() { serve_spine(must(SpineLink::attach(config_.name))); }
 
 void Supervisor::serve_spine(SpineLink link) {
   link_.emplace(std::move(link));
@@ -234,11 +226,9 @@ void Supervisor::serve_spine(SpineLink link) {
 }
 
 void Supervisor::open_socket() {
-  auto server = Server::listen(
+  server_.emplace(must(Server::listen(
       control_socket_path(config_.name),
-      [this](const ReplyTo& to, const std::string& verb, const Json& args) { verbs_->handle(to, verb, args); });
-  if (!server) throw Halt{1, server.message()};
-  server_.emplace(std::move(*server));
+      [this](const ReplyTo& to, const std::string& verb, const Json& args) { verbs_->handle(to, verb, args); })));
   verbs_.emplace(
       Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, *incidents_, events_, throttle_, adopted_,
             shield_told_},

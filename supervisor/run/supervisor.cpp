@@ -167,14 +167,12 @@ void Supervisor::forward_spine_log() {
   ssize_t got = 0;
   while ((got = ::pread(file.get(), chunk, sizeof(chunk), log_read_)) > 0) {
     log_read_ += got;
-    log_tail_.append(chunk, static_cast<std::size_t>(got));
+    log_lines_.feed({chunk, static_cast<std::size_t>(got)});
   }
-  std::size_t end = 0;
-  while ((end = log_tail_.find('\n')) != std::string::npos) {
-    const std::string line = printable(log_tail_.substr(0, end));
+  while (const auto said = log_lines_.next()) {
+    const std::string line = printable(*said);
     spdlog::info("spine: {}", line);
     if (tells_drives(line)) drives_told_ = line;
-    log_tail_.erase(0, end + 1);
   }
 }
 

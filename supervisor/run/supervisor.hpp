@@ -12,6 +12,7 @@
 #include "host/tune/shield/shield.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/config.hpp"
+#include "supervisor/core/lines.hpp"
 #include "supervisor/core/process.hpp"
 #include "supervisor/events/event_log.hpp"
 #include "supervisor/events/noise.hpp"
@@ -55,6 +56,12 @@ class Supervisor {
     std::string message;
   };
 
+  // The value, else Halt with 1.
+  template <class T>
+  static T must(Result<T> result) {
+    if (!result) throw Halt{1, result.message()};
+    return std::move(*result);
+  }
   // Runs one part, prints its error, returns the exit code. No exception leaves it.
   static int code_of(const std::function<void()>& part);
   void live();
@@ -124,7 +131,7 @@ class Supervisor {
   std::string spine_said_;
   std::string log_path_;
   std::int64_t log_read_ = 0;
-  std::string log_tail_;
+  LineBuffer log_lines_;
   std::string drives_told_;  // its last line that says what is wrong with buses and drives
   bool adopted_ = false;
   bool stopping_ = false;

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <ranges>
 #include <utility>
 #include <variant>
 
@@ -18,18 +19,18 @@ namespace {
 constexpr int kMostSteps = 4;  // earlier laws that stay in the Spine
 
 // A request as text. The supervisor opens no file for a client: it may read more than the client may.
-std::variant<SwapRequest, Refusal> read_request(const Json& args) {
+SwapRequest read_request(const Json& args) {
   if (args.contains("path")) {
-    return Refusal{"usage", "a law is sent as text: the supervisor opens no files for its clients",
-                   R"(read the file yourself and send its text: args {"source":"...","name":"pd.cpp"})"};
+    throw Refusal{"usage", "a law is sent as text: the supervisor opens no files for its clients",
+                  R"(read the file yourself and send its text: args {"source":"...","name":"pd.cpp"})"};
   }
   SwapRequest request{args.value("name", ""), args.value("source", ""), args.value("params", Json::object())};
   if (request.source.empty()) {
-    return Refusal{"usage", "no law was given: source is empty",
-                   R"(send its text: args {"source":"...","name":"pd.cpp"})"};
+    throw Refusal{"usage", "no law was given: source is empty",
+                  R"(send its text: args {"source":"...","name":"pd.cpp"})"};
   }
   if (!request.params.is_object())
-    return Refusal{"usage", "params is an object: {\"kp\":1.0}", "send args {\"params\":{\"NAME\":VALUE}}"};
+    throw Refusal{"usage", "params is an object: {\"kp\":1.0}", "send args {\"params\":{\"NAME\":VALUE}}"};
   request.name = request.name.empty() ? "law.cpp" : request.name;
   return request;
 }
@@ -81,8 +82,7 @@ void Verbs::add_looks() {
   };
   verbs_["incidents"] = [this](const ReplyTo& to, const Json&) { reply_(to, parts_.incidents.list()); };
   verbs_["incident"] = [this](const ReplyTo& to, const Json& args) {
-    const auto found = parts_.incidents.show(args.value("id", std::uint64_t{0}));
-    std::visit([&](const auto& each) { reply_(to, each); }, found);
+    reply_(to, parts_.incidents.show(args.value("id", std::uint64_t{0})));
   };
   verbs_["params"] = [this](const ReplyTo& to, const Json&) { reply_(to, params_json(parts_.spine)); };
   verbs_["law_list"] = [this](const ReplyTo& to, const Json&) {
@@ -121,13 +121,15 @@ void Verbs::add_swaps() {
 
 void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args) {
   const auto found = verbs_.find(verb);
-  if (found != verbs_.end()) {
-    found->second(to, args);
-    return;
+  if (found == verbs_.end()) {
+    return reply_(to, Refusal{"unknown_verb", fmt::format("there is no verb '{}'", verb),
+                              fmt::format("one of: {}", fmt::join(std::views::keys(verbs_), ", "))});
   }
-  std::string known;
-  for (const auto& [name, function] : verbs_) known += (known.empty() ? "" : ", ") + name;
-  reply_(to, Refusal{"unknown_verb", fmt::format("there is no verb '{}'", verb), fmt::format("one of: {}", known)});
+  try {
+    found->second(to, args);
+  } catch (const Refusal& refusal) {
+    reply_(to, refusal);
+  }
 }
 
 void Verbs::command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t count, const Done& done) {
@@ -144,9 +146,8 @@ void Verbs::command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t cou
 void Verbs::roll_back(const ReplyTo& to, const Json& args) {
   const Json steps = args.value("steps", Json(1));
   if (!steps.is_number_integer() || steps < 1 || steps > kMostSteps) {
-    reply_(to, Refusal{"usage", fmt::format("steps = {}: how many laws back, 1 to {}", steps.dump(), kMostSteps),
-                       "see which are still there: lithe law list"});
-    return;
+    throw Refusal{"usage", fmt::format("steps = {}: how many laws back, 1 to {}", steps.dump(), kMostSteps),
+                  "see which are still there: lithe law list"};
   }
   go_back(to, steps.get<std::uint32_t>());
 }
@@ -154,10 +155,8 @@ void Verbs::roll_back(const ReplyTo& to, const Json& args) {
 // Laws before the running one have smaller numbers, and those that a rollback passed over are gone.
 void Verbs::activate(const ReplyTo& to, const Json& args) {
   const Json wanted = args.value("law", Json(nullptr));
-  if (!wanted.is_string()) {
-    return reply_(
-        to, Refusal{"usage", fmt::format("law = {}: the name of a law", wanted.dump()), "lithe law list has them"});
-  }
+  if (!wanted.is_string())
+    throw Refusal{"usage", fmt::format("law = {}: the name of a law", wanted.dump()), "lithe law list has them"};
   const std::string name = wanted.get<std::string>();
   const auto running = parts_.spine.running_law();
   const std::uint32_t now = running ? running->info.law_id : 0;
@@ -169,18 +168,17 @@ void Verbs::activate(const ReplyTo& to, const Json& args) {
   if (found == earlier.rend()) {
     if (const auto text = parts_.swaps.source_of(name); !text.empty()) {
       const std::string document = fmt::format("swaps/{}", text.filename().string());
-      return reply_(to, Refusal{"unknown_law",
-                                fmt::format("law '{}' is no longer loaded: a rollback passed over it, or later laws "
-                                            "took its place",
-                                            name),
-                                fmt::format("swap it in again, from the document {} or {}", document, text.string()),
-                                {{"source", document}}});
+      throw Refusal{
+          "unknown_law",
+          fmt::format("law '{}' is no longer loaded: a rollback passed over it, or later laws took its place", name),
+          fmt::format("swap it in again, from the document {} or {}", document, text.string()),
+          {{"source", document}}};
     }
     std::vector<std::string> names;
     for (const wire::LawInfo& law : earlier) names.push_back(fmt::format("'{}'", text_of(law.name)));
-    return reply_(to, Refusal{"unknown_law", fmt::format("no law '{}' ran before this one and is still loaded", name),
-                              fmt::format("{}swap its text",
-                                          names.empty() ? "" : fmt::format("one of {}, or ", fmt::join(names, ", ")))});
+    throw Refusal{
+        "unknown_law", fmt::format("no law '{}' ran before this one and is still loaded", name),
+        fmt::format("{}swap its text", names.empty() ? "" : fmt::format("one of {}, or ", fmt::join(names, ", ")))};
   }
   go_back(to, static_cast<std::uint32_t>(found - earlier.rbegin()) + 1);
 }
@@ -209,30 +207,15 @@ void Verbs::set_params(const ReplyTo& to, const Json& args) {
 }
 
 void Verbs::swap_law(const ReplyTo& to, const Json& args) {
-  auto request = read_request(args);
-  if (const auto* refusal = std::get_if<Refusal>(&request)) {
-    reply_(to, *refusal);
-    return;
-  }
-  auto terms = parts_.swaps.read_terms(args);
-  if (const auto* refusal = std::get_if<Refusal>(&terms)) {
-    reply_(to, *refusal);
-    return;
-  }
-  auto& wanted = std::get<SwapRequest>(request);
-  wanted.terms = std::get<SwapTerms>(terms);
-  wanted.client = to.client;
-  wanted.supersede = args.value("supersede", false);
-  parts_.swaps.submit(std::move(std::get<SwapRequest>(request)), later(to), monotonic_ns());
+  SwapRequest request = read_request(args);
+  request.terms = value_of(parts_.swaps.read_terms(args));
+  request.client = to.client;
+  request.supersede = args.value("supersede", false);
+  parts_.swaps.submit(std::move(request), later(to), monotonic_ns());
 }
 
 void Verbs::check_law(const ReplyTo& to, const Json& args) {
-  const auto request = read_request(args);
-  if (const auto* refusal = std::get_if<Refusal>(&request)) {
-    reply_(to, *refusal);
-    return;
-  }
-  const SwapRequest& law = std::get<SwapRequest>(request);
+  const SwapRequest law = read_request(args);
   parts_.lawd.check({law.name, law.source}, later(to), monotonic_ns());
 }
 

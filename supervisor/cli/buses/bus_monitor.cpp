@@ -110,16 +110,15 @@ Result<> listen_in(const bus::Choice& choice, const std::vector<Occupied>& spine
 
 int bus_monitor(const Context& context, const bus::Words& words, bus::MonitorOptions options) {
   options.json = context.json;
-  auto choice = bus::choose(words);
-  if (!choice) throw Refusal{"bad_config", choice.message(), "name a robot file or a bus: lithe bus monitor --help"};
-  std::vector<Occupied> spines = spines_on(*choice, warn);
-  know_by_file(*choice, spines);
-  bus::Monitor monitor(*choice, options, monotonic_ns());
+  bus::Choice choice =
+      value_of(bus::choose(words), "bad_config", "name a robot file or a bus: lithe bus monitor --help");
+  std::vector<Occupied> spines = spines_on(choice, warn);
+  know_by_file(choice, spines);
+  bus::Monitor monitor(choice, options, monotonic_ns());
   if (const std::string complaint = monitor.complaint(); !complaint.empty())
     throw Refusal{"usage", complaint, "see the robot file"};
   All all;
-  if (const Result<> open = listen_in(*choice, spines, all); !open)
-    throw Refusal{"no_bus", open.message(), "who uses it: lithe status, fuser -v"};
+  value_of(listen_in(choice, spines, all), "no_bus", "who uses it: lithe status, fuser -v");
   end_with_statistics();
   return bus::watch(
       all, monitor, options, [] { return ended != 0; }, [](const std::string& line) { std::cout << line << std::endl; },

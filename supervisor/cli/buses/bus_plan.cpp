@@ -3,8 +3,6 @@
 #include <fmt/format.h>
 
 #include <cmath>
-#include <cstdio>
-#include <iostream>
 
 #include "spine/robot/robot.hpp"
 #include "supervisor/bus/plan/advice.hpp"
@@ -58,16 +56,10 @@ void print_plan(const bus::Plan& plan, const robot::RobotConfig& robot) {
 }  // namespace
 
 int bus_plan(const Context& context, const std::string& file, const bus::PlanOptions& options) {
-  const auto robot = robot::load_robot(file);
-  if (!robot) throw control::Refusal{"bad_config", robot.message(), "correct the file"};
-  bus::Plan plan = bus::plan(*robot, options);
-  plan.advice = bus::advise(*robot, options);
-  if (context.json) {
-    std::cout << bus::to_json(plan, *robot).dump(2) << std::endl;
-  } else {
-    print_plan(plan, *robot);
-    std::fflush(stdout);
-  }
+  const robot::RobotConfig robot = value_of(robot::load_robot(file), "bad_config", "correct the file");
+  bus::Plan plan = bus::plan(robot, options);
+  plan.advice = bus::advise(robot, options);
+  finish(context, bus::to_json(plan, robot), [&](const Json&) { print_plan(plan, robot); });
   return plan.fits ? 0 : kDoesNotFit;
 }
 

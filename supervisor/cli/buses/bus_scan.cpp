@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <cstdio>
 #include <iostream>
 #include <string>
 #include <vector>
@@ -15,10 +14,10 @@
 namespace lithe::cli {
 
 int bus_scan(const Context& context, const bus::Words& words, const bus::ScanOptions& options) {
-  const auto choice = bus::choose(words);
-  if (!choice) throw Refusal{"bad_config", choice.message(), "name a robot file or a bus: lithe bus scan --help"};
+  const bus::Choice choice =
+      value_of(bus::choose(words), "bad_config", "name a robot file or a bus: lithe bus scan --help");
   std::vector<std::string> spines;
-  for (const Occupied& each : spines_on(*choice, [](const std::string& doubt) { std::cerr << doubt << std::endl; })) {
+  for (const Occupied& each : spines_on(choice, [](const std::string& doubt) { std::cerr << doubt << std::endl; })) {
     const bool real = robot::is_real(each.config.buses[each.theirs]);
     if (real) spines.push_back(each.words());
   }
@@ -26,13 +25,8 @@ int bus_scan(const Context& context, const bus::Words& words, const bus::ScanOpt
     throw Refusal{"robot_running", fmt::format("a Spine works on this hardware: {}", fmt::join(spines, ", ")),
                   "stop it first: lithe stop; or watch its bus: lithe bus monitor"};
   }
-  const bus::Scan scan = bus::scan(*choice, options);
-  if (context.json) {
-    std::cout << bus::to_json(scan, *choice).dump(2, ' ', false, Json::error_handler_t::replace) << std::endl;
-  } else {
-    fmt::print("{}", bus::to_text(scan, *choice));
-    std::fflush(stdout);
-  }
+  const bus::Scan scan = bus::scan(choice, options);
+  finish(context, bus::to_json(scan, choice), [&](const Json&) { fmt::print("{}", bus::to_text(scan, choice)); });
   return scan.matches ? 0 : 1;
 }
 

@@ -15,15 +15,16 @@ namespace lithe::cli {
 using control::Answer;
 using control::Json;
 using control::Refusal;
+using control::value_of;
 
 inline constexpr int kQuickMs = 10'000;
 inline constexpr int kCompileMs = 180'000;
 
-// The value of an outcome. Throws the Refusal if it is one; main() prints it.
+// The value of a result; else throws a Refusal with this code and next step.
 template <class T>
-T value_of(std::variant<T, Refusal> outcome) {
-  if (auto* refusal = std::get_if<Refusal>(&outcome)) throw std::move(*refusal);
-  return std::get<T>(std::move(outcome));
+T value_of(Result<T> result, const char* code, const char* next) {
+  if (!result) throw Refusal{code, result.message(), next};
+  return std::move(*result);
 }
 
 // Sends one request to the context's robot. Throws the Refusal.

@@ -5,8 +5,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cstdio>
-#include <iostream>
 
 #include "host/doctor/measure/measure.hpp"
 #include "spine/core/host/cores.hpp"
@@ -44,9 +42,8 @@ void refuse_beside_spine(const host::HostFiles& files, int cpu) {
 std::optional<host::Measured> measured(const host::HostFiles& files, int cpu, double seconds) {
   if (seconds <= 0) return std::nullopt;
   refuse_beside_spine(files, cpu);
-  const Result<host::Measured> seen = host::measure(files, cpu, seconds);
-  if (!seen) throw Refusal{"bad_request", seen.message(), "measure a core that this process may use: --cpu N"};
-  return *seen;
+  return value_of(host::measure(files, cpu, seconds), "bad_request",
+                  "measure a core that this process may use: --cpu N");
 }
 
 }  // namespace
@@ -55,12 +52,8 @@ int doctor(const Context& context, const DoctorOptions& options) {
   const host::HostFiles files;
   const int cpu = core_for(options);
   const host::Diagnosis diagnosis = host::diagnose(files, cpu, measured(files, cpu, options.measure_s));
-  if (context.json) {
-    std::cout << host::to_json(diagnosis).dump(2, ' ', false, Json::error_handler_t::replace) << std::endl;
-  } else {
-    fmt::print("{}", printable(host::to_text(diagnosis, options.all), true));
-    std::fflush(stdout);
-  }
+  finish(context, host::to_json(diagnosis),
+         [&](const Json&) { fmt::print("{}", printable(host::to_text(diagnosis, options.all), true)); });
   return diagnosis.is_isolated() ? 0 : kBelowTierB;
 }
 

@@ -147,19 +147,8 @@ Refusal why_silent(const Presence& there) {
 }  // namespace
 
 const char* word(Presence::Supervisor supervisor) {
-  switch (supervisor) {
-    case Supervisor::none:
-      return "none";
-    case Supervisor::starting:
-      return "starting or stopping";
-    case Supervisor::answers:
-      return "answers";
-    case Supervisor::stopped:
-      return "stopped";
-    case Supervisor::silent:
-      return "silent";
-  }
-  return "?";
+  const char* const words[] = {"none", "starting or stopping", "answers", "stopped", "silent"};
+  return words[static_cast<std::size_t>(supervisor)];
 }
 
 Presence look_for(const std::string& robot) {
