@@ -13,6 +13,7 @@
 #include "lawd/run/files.hpp"
 #include "lawd/source/clean.hpp"
 #include "lawd/source/help.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/sha256.hpp"
 

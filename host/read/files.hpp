@@ -28,6 +28,9 @@ class HostFiles {
   // A larger file is an error (EFBIG). `path` is absolute: "/sys/devices/system/cpu/isolated".
   Reading read(const std::string& path, std::size_t most_bytes = std::size_t{64} << 10) const;
 
+  // Whether there is such a file, also one that cannot be read.
+  bool has(const std::string& path) const { return !read(path).is_absent(); }
+
   // Whether there is such a folder. A feature that a kernel does not have has no folder.
   bool is_folder(const std::string& path) const;
 

@@ -4,6 +4,7 @@
 #include <sstream>
 
 #include "host/read/words.hpp"
+#include "spine/core/host/cores.hpp"
 #include "spine/core/lookup.hpp"
 
 namespace lithe::host {
@@ -12,7 +13,7 @@ namespace {
 constexpr const char* kCpuInfo = "/proc/cpuinfo";
 constexpr const char* kModel = "/proc/device-tree/model";
 constexpr const char* kStat = "/proc/stat";
-constexpr std::size_t kMostCpuInfoBytes = std::size_t{2} << 20;
+constexpr std::size_t kMostCpuInfoBytes = std::size_t{4} << 20;
 constexpr std::size_t kMostStatBytes = std::size_t{1} << 20;
 constexpr std::size_t kStolen = 8;  // word of a line "cpu1 user nice system idle iowait irq softirq steal ..."
 
@@ -25,19 +26,19 @@ std::string virtual_words(const HostFiles& files) {
 
 }  // namespace
 
-Board board_of(const HostFiles& files) {
-  if (!field_of(files.read(kCpuInfo, kMostCpuInfoBytes).value, "vendor_id").empty()) return Board::x86;
+BoardKind board_of(const HostFiles& files) {
+  if (!field_of(files.read(kCpuInfo, kMostCpuInfoBytes).value, "vendor_id").empty()) return BoardKind::x86;
   const Reading model = files.read(kModel);
-  if (!model.known()) return Board::unknown;
-  if (has_text(model.value, "Raspberry Pi")) return Board::raspberry_pi;
-  return has_text(model.value, "Jetson") || has_text(model.value, "NVIDIA") ? Board::jetson : Board::other;
+  if (!model.known()) return BoardKind::unknown;
+  if (has_text(model.value, "Raspberry Pi")) return BoardKind::raspberry_pi;
+  return has_text(model.value, "Jetson") || has_text(model.value, "NVIDIA") ? BoardKind::jetson : BoardKind::other;
 }
 
 Hypervisor hypervisor_of(const HostFiles& files) {
   Hypervisor found;
   const Reading cpus = files.read(kCpuInfo, kMostCpuInfoBytes), type = files.read("/sys/hypervisor/type");
   const Reading stat = files.read(kStat, kMostStatBytes);
-  if (has_word(field_of(cpus.value, "flags"), "hypervisor")) found.evidence.emplace_back(kCpuInfo, "flag hypervisor");
+  if (has_cpu_flag(files, "hypervisor")) found.evidence.emplace_back(kCpuInfo, "flag hypervisor");
   if (!type.value.empty()) found.evidence.emplace_back(type.path, type.value);
   if (const std::string words = virtual_words(files); !words.empty()) found.evidence.emplace_back(kModel, words);
   std::istringstream lines(stat.value);
@@ -48,9 +49,17 @@ Hypervisor hypervisor_of(const HostFiles& files) {
   if (stolen.value_or(0) > 0) found.evidence.emplace_back(kStat, "stolen " + all[kStolen]);
   if (!found.evidence.empty())
     found.present = true;
-  else if (stolen && (!field_of(cpus.value, "flags").empty() || board_of(files) != Board::unknown))
+  else if (stolen && (!field_of(cpus.value, "flags").empty() || board_of(files) != BoardKind::unknown))
     found.present = false;
   return found;
+}
+
+std::vector<int> online_cores(const HostFiles& files) {
+  return parse_cpu_list(files.read("/sys/devices/system/cpu/online").value);
+}
+
+bool has_cpu_flag(const HostFiles& files, const std::string& flag) {
+  return has_word(field_of(files.read(kCpuInfo, kMostCpuInfoBytes).value, "flags"), flag);
 }
 
 std::string KernelFacts::words() const {

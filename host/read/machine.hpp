@@ -14,8 +14,8 @@
 namespace lithe::host {
 
 // `unknown` until a file says otherwise. A check for another board only is then `unknown`, too, not `not_applicable`.
-enum class Board : std::uint8_t { unknown, x86, raspberry_pi, jetson, other };
-Board board_of(const HostFiles& files);
+enum class BoardKind : std::uint8_t { unknown, x86, raspberry_pi, jetson, other };
+BoardKind board_of(const HostFiles& files);
 
 struct Hypervisor {
   std::optional<bool> present;                                // nothing: not known
@@ -24,6 +24,12 @@ struct Hypervisor {
 
 // From the flag `hypervisor` in /proc/cpuinfo, /sys/hypervisor, stolen time in /proc/stat, and the device tree.
 Hypervisor hypervisor_of(const HostFiles& files);
+
+// The cores that are on, ascending; empty when unread.
+std::vector<int> online_cores(const HostFiles& files);
+
+// Whether the first processor has a flag (x86: "constant_tsc").
+bool has_cpu_flag(const HostFiles& files, const std::string& flag);
 
 // Stolen time of a core since the boot, in ticks of 1/100 s; nothing when unread.
 std::optional<long long> stolen_ticks(const HostFiles& files, int cpu);

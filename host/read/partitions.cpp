@@ -27,7 +27,7 @@ void walk(const HostFiles& files, const std::string& folder, int depth, std::vec
 
 std::string cgroup2_folder(const HostFiles& files) {
   for (const char* folder : {"/sys/fs/cgroup", "/sys/fs/cgroup/unified"})
-    if (!files.read(std::string(folder) + "/cgroup.controllers").is_absent()) return folder;
+    if (files.has(std::string(folder) + "/cgroup.controllers")) return folder;
   return "";
 }
 

@@ -10,6 +10,7 @@
 #include "host/read/tasks.hpp"
 #include "host/read/words.hpp"
 #include "host/test/machines.hpp"
+#include "spine/core/host/cores.hpp"
 
 namespace lithe::host {
 namespace {
@@ -21,6 +22,9 @@ TEST(Words, AreReadAsTheKernelWritesThem) {
   EXPECT_EQ(field_of("a: 1", "b"), "");
   EXPECT_EQ(chosen("always [madvise] never"), "madvise");
   EXPECT_EQ(chosen("] ["), "");
+  EXPECT_EQ(value_in_force("always [madvise] never"), "madvise");
+  EXPECT_EQ(value_in_force("performance"), "performance");
+  EXPECT_EQ(value_in_force("]odd["), "]odd[");
 }
 
 TEST(Mask, HasThirtyTwoCoresAGroup) {
@@ -28,6 +32,19 @@ TEST(Mask, HasThirtyTwoCoresAGroup) {
   EXPECT_EQ(parse_mask("1,00000002"), (Cpus{1, 32}));
   for (const char* none : {"", "x", "1,", "123456789"}) EXPECT_EQ(parse_mask(none), std::nullopt) << none;
   for (const char* same : {"0", "d", "1,00000002", "ff,ffffffff"}) EXPECT_EQ(mask_of(*parse_mask(same)), same);
+}
+
+TEST(Mask, KeepsTheWidthOfAnother) {
+  EXPECT_EQ(mask_of({0, 32}, "ffffffff,ffffffff"), "00000001,00000001");
+  EXPECT_EQ(mask_of({4}, "f"), "") << "core 4 does not fit into one digit";
+  for (const char* mask : {"1", "3", "d", "0f", "00000000,80000001", "ffffffff"})
+    EXPECT_EQ(mask_of(*parse_mask(mask), mask), mask);
+}
+
+TEST(Cores, AreTakenOutOfAList) {
+  EXPECT_EQ(cores_without({0, 1, 2}, {1}), (Cpus{0, 2}));
+  EXPECT_TRUE(share_a_core({0, 1}, {1}));
+  EXPECT_FALSE(share_a_core({0, 2}, {1, 3}));
 }
 
 TEST(InterruptCounts, HaveTheirColumnOnX86) {
@@ -94,9 +111,9 @@ TEST(Machine, IsKnownByWhatItSays) {
   const FakeRoot pc, pi, none;
   put_fifo(pc);
   put_pi(pi);
-  EXPECT_EQ(board_of(HostFiles(pc.path())), Board::x86);
-  EXPECT_EQ(board_of(HostFiles(pi.path())), Board::raspberry_pi);
-  EXPECT_EQ(board_of(HostFiles(none.path())), Board::unknown);
+  EXPECT_EQ(board_of(HostFiles(pc.path())), BoardKind::x86);
+  EXPECT_EQ(board_of(HostFiles(pi.path())), BoardKind::raspberry_pi);
+  EXPECT_EQ(board_of(HostFiles(none.path())), BoardKind::unknown);
   EXPECT_EQ(hypervisor_of(HostFiles(pc.path())).present, true);
   EXPECT_EQ(hypervisor_of(HostFiles(pi.path())).present, false);
   EXPECT_EQ(hypervisor_of(HostFiles(none.path())).present, std::nullopt);

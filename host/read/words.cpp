@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <charconv>
 #include <cstdint>
-#include <cstdio>
 #include <sstream>
 
 namespace lithe::host {
 namespace {
 
 constexpr int kGroupBits = 32;
+constexpr std::size_t kCoresInADigit = 4;
 
 }  // namespace
 
@@ -48,6 +48,11 @@ std::string chosen(const std::string& text) {
   return text.substr(open + 1, close - open - 1);
 }
 
+std::string value_in_force(const std::string& text) {
+  const std::string marked = chosen(text);
+  return marked.empty() ? text : marked;
+}
+
 std::optional<std::vector<int>> parse_mask(const std::string& text) {
   std::vector<std::uint32_t> groups;
   std::istringstream in(text);
@@ -67,17 +72,28 @@ std::optional<std::vector<int>> parse_mask(const std::string& text) {
   return cpus;
 }
 
-std::string mask_of(const std::vector<int>& cpus) {
-  const int highest = cpus.empty() ? 0 : *std::max_element(cpus.begin(), cpus.end());
-  std::vector<std::uint32_t> groups(static_cast<std::size_t>(highest / kGroupBits) + 1);
-  for (const int cpu : cpus) groups[static_cast<std::size_t>(cpu / kGroupBits)] |= 1U << (cpu % kGroupBits);
-  std::string text;
-  for (auto group = groups.rbegin(); group != groups.rend(); ++group) {
-    char digits[16];
-    std::snprintf(digits, sizeof digits, text.empty() ? "%x" : ",%08x", *group);
-    text += digits;
+std::string mask_of(const std::vector<int>& cpus, const std::string& like) {
+  std::string mask = like;
+  std::size_t first = 0, fitted = 0;
+  for (std::size_t i = mask.size(); i-- > 0;) {
+    if (mask[i] == ',') continue;
+    std::size_t digit = 0;
+    for (std::size_t bit = 0; bit < kCoresInADigit; ++bit) {
+      if (!std::binary_search(cpus.begin(), cpus.end(), static_cast<int>(first + bit))) continue;
+      digit |= std::size_t{1} << bit;
+      ++fitted;
+    }
+    mask[i] = "0123456789abcdef"[digit];
+    first += kCoresInADigit;
   }
-  return text;
+  return fitted == cpus.size() ? mask : "";
+}
+
+std::string mask_of(const std::vector<int>& cpus) {
+  std::string wide = "00000000";
+  for (int fits = kGroupBits; !cpus.empty() && fits <= cpus.back(); fits += kGroupBits) wide += ",00000000";
+  const std::string mask = mask_of(cpus, wide);
+  return mask.substr(std::min(mask.find_first_not_of('0'), mask.size() - 1));
 }
 
 }  // namespace lithe::host

@@ -18,10 +18,14 @@ bool has_word(const std::string& text, const std::string& word);
 
 // The word in brackets: "always [madvise] never" gives "madvise"; empty if there is none.
 std::string chosen(const std::string& text);
+// The same; the text itself if there is none.
+std::string value_in_force(const std::string& text);
 
 // The cores in a mask such as "ff,00000003" (hexadecimal, 32 cores a group). Nothing when the text is no mask.
 std::optional<std::vector<int>> parse_mask(const std::string& text);
-// The mask of these cores, as the kernel writes it: "3", "ff,ffffffff".
+// The mask of these cores (ascending), as the kernel writes it: "3", "ff,ffffffff"; or with as many digits and commas
+// as `like` has, empty when a core does not fit into it.
 std::string mask_of(const std::vector<int>& cpus);
+std::string mask_of(const std::vector<int>& cpus, const std::string& like);
 
 }  // namespace lithe::host

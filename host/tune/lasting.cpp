@@ -48,11 +48,6 @@ void plan_text(const HostFiles& files, Plan& plan, const Text& wanted) {
   if (change.was_absent || change.before != change.after) plan.changes.push_back(std::move(change));
 }
 
-// Its folder below /etc alone tells little: packages bring it along.
-bool is_installed(const HostFiles& files, const char* program, const char* same) {
-  return !files.read(program).is_absent() || !files.read(same).is_absent();
-}
-
 // What may stand between the quotes of a rule.
 bool is_plain(const std::string& text) {
   return !text.empty() && std::all_of(text.begin(), text.end(), [](unsigned char each) {
@@ -117,7 +112,8 @@ Plan lasting_plan(const HostFiles& files) {
 
 Plan unit_plan(const HostFiles& files, const std::string& program, const std::vector<int>& cores, bool partition) {
   Plan plan;
-  if (!is_installed(files, "/usr/lib/systemd/systemd", "/lib/systemd/systemd")) return plan;
+  // Its folder below /etc alone tells little: packages bring it along.
+  if (!files.has("/usr/lib/systemd/systemd") && !files.has("/lib/systemd/systemd")) return plan;
   const std::string text = fmt::format(
       "[Unit]\nDescription=Settings of the kernel for a robot\n\n[Service]\nType=oneshot\nRemainAfterExit=yes\n"
       "# 1: not every setting is possible here.\nSuccessExitStatus=1\n"
@@ -131,7 +127,7 @@ Plan unit_plan(const HostFiles& files, const std::string& program, const std::ve
 
 Plan rules_plan(const HostFiles& files, const robot::RobotConfig& robot) {
   Plan plan;
-  if (!is_installed(files, "/usr/bin/udevadm", "/bin/udevadm")) return plan;
+  if (!files.has("/usr/bin/udevadm") && !files.has("/bin/udevadm")) return plan;
   std::string rules;
   for (const robot::BusConfig& bus : robot.buses) {
     const bool serial = robot::is_serial(bus);

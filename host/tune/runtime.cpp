@@ -6,8 +6,8 @@
 #include <functional>
 #include <utility>
 
+#include "host/read/machine.hpp"
 #include "host/read/words.hpp"
-#include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/lookup.hpp"
 
@@ -25,7 +25,7 @@ struct Rule {
 class Planner {
  public:
   Planner(const HostFiles& files, const std::vector<int>& cores)
-      : files_(files), cores_(cores), others_(cores_without(online(), cores)) {}
+      : files_(files), cores_(cores), others_(cores_without(online_cores(files), cores)) {}
 
   void look_at(const Rule& rule) {
     const Reading reading = files_.read(rule.path);
@@ -63,8 +63,6 @@ class Planner {
   Plan take() { return std::move(plan_); }
 
  private:
-  std::vector<int> online() const { return parse_cpu_list(files_.read("/sys/devices/system/cpu/online").value); }
-
   const HostFiles& files_;
   const std::vector<int>& cores_;
   std::vector<int> others_;

@@ -12,7 +12,6 @@
 #include "host/tune/lasting.hpp"
 #include "host/tune/shield/partition.hpp"
 #include "host/tune/shield/shield.hpp"
-#include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/shield_group.hpp"
 
@@ -78,9 +77,7 @@ struct Book {
   bool lasting;
 
   std::string path(const Target& target) const { return target.root + (lasting ? kLastingJournal : kRunJournal); }
-  std::string boot(const Target& target) const {
-    return lasting ? "" : HostFiles(target.root).read("/proc/sys/kernel/random/boot_id").value;
-  }
+  std::string boot(const Target& target) const { return lasting ? "" : boot_id(target.root); }
   bool keeps(const Change& change) const { return lasting == (change.kind == ChangeKind::file); }
 };
 

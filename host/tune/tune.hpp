@@ -28,11 +28,8 @@ struct Target {
   std::optional<robot::RobotConfig> robot{};  // whose devices keep their names
 };
 
-struct TunePlan {
-  std::string board{};  // "" when no boot file of a known board was found
-  std::vector<Change> changes{};
-  std::vector<NotDone> not_done{};
-  std::vector<std::string> notes{};
+struct TunePlan : Plan {
+  std::string board{};                  // "" when no boot file of a known board was found
   std::vector<std::string> commands{};  // to run afterwards; shown, never run
 };
 

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/compile/toolchain.hpp"
 
+#include <unistd.h>
+
 #include <chrono>
-#include <cstdlib>
 #include <filesystem>
 
+#include "lawd/run/child.hpp"
 #include "lawd/run/files.hpp"
 #include "lithe/law.hpp"
 #include "spine/arena/veneers.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/host/paths.hpp"
 #include "spine/core/sha256.hpp"
 
@@ -42,13 +45,9 @@ const std::vector<std::string>& flags() {
 }
 
 // The first line a program prints on stdout; empty when it cannot be run.
-std::string ask(const std::string& command) {
-  FILE* pipe = popen((command + " 2>/dev/null").c_str(), "r");
-  if (pipe == nullptr) return "";
-  std::string line;
-  for (int c = fgetc(pipe); c != EOF && c != '\n'; c = fgetc(pipe)) line += static_cast<char>(c);
-  pclose(pipe);
-  return line;
+std::string ask(const std::vector<std::string>& command) {
+  const std::string said = run_program(command, Limits{}, STDOUT_FILENO).output;
+  return said.substr(0, said.find('\n'));
 }
 
 }  // namespace
@@ -56,8 +55,7 @@ std::string ask(const std::string& command) {
 std::string find_contract_dir() {
   if (const std::string dir = environment("LITHE_CONTRACT_DIR"); !dir.empty()) return dir;
   std::error_code failed;
-  const fs::path here = fs::read_symlink("/proc/self/exe", failed).parent_path();
-  for (const fs::path& dir : {here / "../include", fs::path(LITHE_SOURCE_CONTRACT_DIR)})
+  for (const fs::path& dir : {fs::path(program_dir()) / "../include", fs::path(LITHE_SOURCE_CONTRACT_DIR)})
     if (fs::exists(dir / "lithe/law.hpp", failed)) return fs::weakly_canonical(dir, failed).string();
   return LITHE_SOURCE_CONTRACT_DIR;
 }
@@ -89,15 +87,14 @@ Toolchain::Toolchain(std::string contract_dir, std::string cache)
 void Toolchain::find_programs() {
   const std::string chosen = environment("LITHE_CXX");
   compiler_ = chosen.empty() ? "g++" : chosen;
-  const std::string quoted = "'" + compiler_ + "'";
-  version_ = ask(quoted + " --version");
+  version_ = ask({compiler_, "--version"});
   if (version_.empty()) {
     error_ = "no compiler: cannot run " + compiler_ + "; install it (apt install g++) or set LITHE_CXX";
     return;
   }
-  linker_ = ask(quoted + " -print-prog-name=ld");
+  linker_ = ask({compiler_, "-print-prog-name=ld"});
   if (linker_.empty()) linker_ = "ld";
-  linker_version_ = ask("'" + linker_ + "' --version");
+  linker_version_ = ask({linker_, "--version"});
 }
 
 // The name of the folder is the fingerprint, so a precompiled header of another compiler is never used. Its size is

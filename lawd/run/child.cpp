@@ -8,9 +8,9 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <utility>
 
 namespace lithe::lawd {
 namespace {
@@ -61,14 +61,11 @@ Outcome run_child(const std::function<int(int)>& body, const Limits& asked) {
 }
 
 Outcome run_program(const std::vector<std::string>& argv, const Limits& limits, int stream) {
-  std::vector<char*> raw;
-  for (const std::string& word : argv) raw.push_back(const_cast<char*>(word.c_str()));
-  raw.push_back(nullptr);
-  const auto body = [&raw, stream](int out_fd) {
+  const auto body = [&argv, stream](int out_fd) {
     dup2(out_fd, stream);
     setenv("LC_ALL", "C", 1);  // English messages with plain quotes
-    execvp(raw[0], raw.data());
-    dprintf(2, "cannot run %s: %s\n", raw[0], std::strerror(errno));
+    const int why = exec_program(argv);
+    dprintf(2, "cannot run %s: %s\n", argv[0].c_str(), std::strerror(why));
     return 127;
   };
   return run_child(body, limits);
@@ -89,22 +86,13 @@ std::string readable(std::string_view symbol) {
 }
 
 std::string signal_text(int signal) {
-  switch (signal) {
-    case SIGSEGV:
-      return "SIGSEGV (invalid memory access)";
-    case SIGFPE:
-      return "SIGFPE (integer division by zero or overflow)";
-    case SIGILL:
-      return "SIGILL (illegal instruction)";
-    case SIGBUS:
-      return "SIGBUS (misaligned or missing memory)";
-    case SIGABRT:
-      return "SIGABRT (abort or failed assertion)";
-    case SIGKILL:
-      return "SIGKILL (killed, or out of memory)";
-    default:
-      return "signal " + std::to_string(signal) + " (" + strsignal(signal) + ")";
-  }
+  constexpr std::pair<int, const char*> kTexts[] = {
+      {SIGSEGV, "SIGSEGV (invalid memory access)"},     {SIGFPE, "SIGFPE (integer division by zero or overflow)"},
+      {SIGILL, "SIGILL (illegal instruction)"},         {SIGBUS, "SIGBUS (misaligned or missing memory)"},
+      {SIGABRT, "SIGABRT (abort or failed assertion)"}, {SIGKILL, "SIGKILL (killed, or out of memory)"}};
+  for (const auto& [number, text] : kTexts)
+    if (number == signal) return text;
+  return "signal " + std::to_string(signal) + " (" + strsignal(signal) + ")";
 }
 
 }  // namespace lithe::lawd

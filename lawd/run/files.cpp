@@ -1,46 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/run/files.hpp"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <map>
-#include <sstream>
+#include <utility>
 #include <vector>
+
+#include "spine/core/host/files.hpp"
 
 namespace lithe::lawd {
 
 namespace fs = std::filesystem;
 
 std::optional<std::string> read_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) return std::nullopt;
-  std::ostringstream bytes;
-  bytes << in.rdbuf();
-  if (in.bad()) return std::nullopt;
-  return bytes.str();
-}
-
-std::string write_file_whole(const std::string& path, std::string_view bytes) {
-  const std::string part = path + ".part" + std::to_string(getpid());
-  const int fd = open(part.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0640);
-  if (fd < 0) return std::strerror(errno);
-  int failed = 0;
-  while (!bytes.empty() && failed == 0) {
-    const ssize_t put = write(fd, bytes.data(), bytes.size());
-    if (put < 0 && errno != EINTR) failed = errno;
-    if (put > 0) bytes.remove_prefix(static_cast<std::size_t>(put));
-  }
-  close(fd);
-  if (failed == 0 && rename(part.c_str(), path.c_str()) != 0) failed = errno;
-  if (failed == 0) return "";
-  unlink(part.c_str());
-  return std::strerror(failed);
+  constexpr std::size_t kMostBytes = std::size_t{1} << 30;
+  Result<std::string> bytes = read_regular_file(path, kMostBytes);
+  return bytes ? std::optional(std::move(*bytes)) : std::nullopt;
 }
 
 void keep_newest(const std::string& folder, std::uintmax_t most_bytes) {

@@ -1,20 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads and writes small files; a write is complete or has no effect.
+// Small files: reads them, keeps a folder of them small; a temporary folder.
 #pragma once
 
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <string_view>
 
 namespace lithe::lawd {
 
 // The bytes of a file; empty when it cannot be read.
 std::optional<std::string> read_file(const std::string& path);
-
-// Writes to a temporary name, renames. Returns "" or the error ("No space left on device"). Not flushed to disk: a file
-// that a power cut spoils is found by its hash and made again, and a disk's interrupts may come to the Spine's core.
-std::string write_file_whole(const std::string& path, std::string_view bytes);
 
 // Removes the files that were written longest ago until the folder holds at most `most_bytes`. Files that differ in
 // their ending only go together. What cannot be read or removed stays.

@@ -14,6 +14,7 @@
 #include "lawd/source/admission_tokens.hpp"
 #include "lawd/source/admission_words.hpp"
 #include "lawd/test/lawd_rig.hpp"
+#include "spine/core/host/files.hpp"
 
 namespace lithe::lawd {
 namespace {

@@ -178,12 +178,6 @@ std::vector<int> cores_beside(const std::vector<int>& allowed, int spine_cpu, in
   return rest;
 }
 
-std::string program_dir() {
-  std::error_code failure;
-  const auto path = std::filesystem::read_symlink("/proc/self/exe", failure);
-  return failure ? "." : path.parent_path().string();
-}
-
 Result<> set_affinity(pid_t pid, const std::vector<int>& cpus) {
   if (cpus.empty()) return done();
   const cpu_set_t set = cpu_set_of(cpus);

@@ -60,9 +60,6 @@ struct Work {
 };
 Work work_of_session(pid_t leader);
 
-// Directory of this executable; lithe-spine and lawd are in the same directory.
-std::string program_dir();
-
 // The cores of the supervisor and the compilers: `allowed` without the Spine's and the Transport's; never empty unless
 // `allowed` is.
 std::vector<int> cores_beside(const std::vector<int>& allowed, int spine_cpu, int transport_cpu);

@@ -7,12 +7,12 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
-#include <fstream>
 #include <system_error>
 #include <utility>
 
 #include "spine/core/host/files.hpp"
 #include "spine/core/host/paths.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/ring.hpp"
 #include "supervisor/incident/columns.hpp"
@@ -28,40 +28,21 @@ constexpr std::size_t kMostEvents = 500, kMostLaws = 32;
 
 // Stops the robot or takes its law away.
 bool is_fault(EventKind kind) {
-  switch (kind) {
-    case EventKind::safe_stop:
-    case EventKind::fault:
-    case EventKind::estop:
-    case EventKind::group_stopped:
-    case EventKind::memory_damaged:
-    case EventKind::law_faulted:
-    case EventKind::law_rolled_back:
-    case EventKind::params_reverted:
-      return true;
-    default:
-      return false;
-  }
+  constexpr EventKind kFaults[] = {EventKind::safe_stop,       EventKind::fault,          EventKind::estop,
+                                   EventKind::group_stopped,   EventKind::memory_damaged, EventKind::law_faulted,
+                                   EventKind::law_rolled_back, EventKind::params_reverted};
+  return contains(kFaults, kind);
 }
 
 // Refused in the tick, or a change of mode.
 bool is_notable(const wire::Event& event) {
-  switch (static_cast<EventKind>(event.kind)) {
-    case EventKind::shadow_ended:
-      return event.code == 0;  // refused; the others end as asked
-    case EventKind::plan_refused:
-    case EventKind::command_refused:
-    case EventKind::params_refused:
-    case EventKind::law_refused:
-    case EventKind::armed:
-    case EventKind::disarmed:
-    case EventKind::held:
-    case EventKind::reset:
-    case EventKind::recovering:
-    case EventKind::recovered:
-      return true;
-    default:
-      return false;
-  }
+  constexpr EventKind kNotable[] = {EventKind::plan_refused, EventKind::command_refused, EventKind::params_refused,
+                                    EventKind::law_refused,  EventKind::armed,           EventKind::disarmed,
+                                    EventKind::held,         EventKind::reset,           EventKind::recovering,
+                                    EventKind::recovered};
+  const auto kind = static_cast<EventKind>(event.kind);
+  // A shadow that was refused; the others end as asked.
+  return kind == EventKind::shadow_ended ? event.code == 0 : contains(kNotable, kind);
 }
 
 // Equal for two events of which one is enough. Faults of different laws and joints are different; the text names the
@@ -101,19 +82,11 @@ Json read_one(const fs::path& folder, std::uint64_t id) {
   return summary.is_object() && summary.contains("kind") ? summary : Json();
 }
 
-// "" or why not. A reader sees the whole file or none.
+// "" or why not.
 std::string put(const fs::path& path, const std::string& bytes) {
-  const fs::path draft = path.string() + ".draft";
-  std::error_code failure;
-  std::ofstream file(draft, std::ios::binary | std::ios::trunc);
-  file << bytes;
-  file.close();
-  if (!file) {
-    fs::remove(draft, failure);
-    return fmt::format("cannot write {}: disk full, over a limit, or read-only?", path.string());
-  }
-  fs::rename(draft, path, failure);
-  return failure ? fmt::format("cannot rename {}: {}", draft.string(), failure.message()) : "";
+  const std::string why = write_file_whole(path.string(), bytes);
+  return why.empty() ? ""
+                     : fmt::format("cannot write {}: {}; disk full, over a limit, or read-only?", path.string(), why);
 }
 
 Json span(double least, double most) { return Json::array({least, most}); }
@@ -200,7 +173,7 @@ void Incidents::make_room() const {
   for (fs::directory_iterator at(folder_, failure), end; !failure && at != end; at.increment(failure)) {
     const fs::path path = at->path();
     std::error_code ignored;
-    const bool ours = path.extension() == ".npy" || path.extension() == ".draft";
+    const bool ours = path.extension() == ".npy" || path.extension().string().starts_with(".part");
     if (ours && !fs::exists(fs::path(path).replace_extension(".json"), ignored)) fs::remove(path, ignored);
   }
   const auto bytes = [&] {

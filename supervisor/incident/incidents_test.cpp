@@ -170,7 +170,7 @@ TEST_F(IncidentsTest, TheOldestMakeRoomAndNumbersGoOn) {
 TEST_F(IncidentsTest, WhatAKillLeftBehindIsNotListedAndIsRemoved) {
   fs::create_directories(folder_);
   std::ofstream(folder_ / "0007.npy") << "half";
-  std::ofstream(folder_ / "0008.json.draft") << "{";
+  std::ofstream(folder_ / "0008.json.part77") << "{";
   std::ofstream(folder_ / "0005.json") << "{ no json";
   std::ofstream(folder_ / "notes.txt") << "mine";
   EXPECT_TRUE(read_incidents(folder_).empty());
@@ -179,7 +179,7 @@ TEST_F(IncidentsTest, WhatAKillLeftBehindIsNotListedAndIsRemoved) {
   incidents_.finish(*link_);
   EXPECT_EQ(show()["id"], 6);
   EXPECT_FALSE(fs::exists(folder_ / "0007.npy"));
-  EXPECT_FALSE(fs::exists(folder_ / "0008.json.draft"));
+  EXPECT_FALSE(fs::exists(folder_ / "0008.json.part77"));
   EXPECT_TRUE(fs::exists(folder_ / "notes.txt"));
   EXPECT_EQ(std::get<Refusal>(incidents_.show(5)).code, "no_incident");
   EXPECT_EQ(std::get<Refusal>(incidents_.show(99)).code, "no_incident");

@@ -9,11 +9,11 @@
 #include <sys/time.h>
 #include <unistd.h>
 
-#include <array>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
 
+#include "spine/core/host/files.hpp"
 #include "spine/core/lookup.hpp"
 
 namespace lithe::trial {
@@ -23,12 +23,8 @@ Error system_error(const char* what) { return Error{std::string(what) + ": " + s
 
 // The address space in use now [bytes].
 std::size_t mapped_bytes() {
-  std::array<char, 64> text{};
-  const int fd = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
-  const ssize_t got = fd < 0 ? -1 : read(fd, text.data(), text.size() - 1);
-  if (fd >= 0) close(fd);
-  return leading_number<std::size_t>({text.data(), static_cast<std::size_t>(std::max<ssize_t>(got, 0))}) *
-         static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  const Result<std::string> text = read_regular_file("/proc/self/statm", 1024);
+  return text ? leading_number<std::size_t>(*text) * static_cast<std::size_t>(sysconf(_SC_PAGESIZE)) : 0;
 }
 
 bool limit(__rlimit_resource resource, rlim_t soft, rlim_t hard) {

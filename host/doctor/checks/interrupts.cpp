@@ -50,8 +50,6 @@ std::string option(const std::string& line, const std::string& name) {
   return "";
 }
 
-}  // namespace
-
 Finding check_irq_affinity(const Subject& subject) {
   Notes notes(subject);
   const Result<CoreInterrupts> counts = count_interrupts(subject.files, subject.cpu);
@@ -187,6 +185,32 @@ Finding check_skew_tick(const Subject& subject) {
   if (!line.known()) return notes.unread(kCommandLine);
   if (found == "skew_tick=1") return notes.say(State::ok, "the ticks of the cores are apart");
   return notes.say(State::warn, "all cores tick at the same time and wait for one lock");
+}
+
+}  // namespace
+
+std::span<const Item> interrupts_items() {
+  static constexpr Item kAll[] = {
+      {12, "irq_affinity", "Device interrupts stay off the core", "each takes the core for 2 to 20 us",
+       "echo {others} > /proc/irq/NUMBER/smp_affinity_list, and echo {others_mask} > /proc/irq/default_smp_affinity; "
+       "where it is refused: boot option isolcpus=managed_irq,domain,{cpu}",
+       kNow, check_irq_affinity},
+      {13, "irqbalance", "irqbalance leaves the core alone", "it undoes item 12 within seconds",
+       "IRQBALANCE_BANNED_CPULIST={cpu} in /etc/default/irqbalance, or stop it", kNow, check_irqbalance},
+      {14, "tickless", "No timer tick on the core", "100 to 1000 times a second, 4 to 7 us each",
+       "boot option nohz_full={cpu}; without CONFIG_NO_HZ_FULL: keep the release off the tick (item 16)", kReboot,
+       check_tickless},
+      {15, "rcu_callbacks", "RCU callbacks run elsewhere", "they run in batches after the tick and lengthen it",
+       "boot option rcu_nocbs={cpu}", kReboot, check_rcu_callbacks},
+      {16, "release_phase", "Releases are off the tick",
+       "a tick at the time of a release delays that release each time",
+       "[spine] phase_ns in the robot file: what lithe doctor --measure 10 names", kNow, check_release_phase},
+      {17, "timer_migration", "Timers of others do not come to the core", "each costs an interrupt",
+       "sysctl kernel.timer_migration=0, before the load starts", kNow, check_timer_migration},
+      {18, "skew_tick", "The cores tick one after the other", "ticks at the same time wait for one lock",
+       "boot option skew_tick=1; measure item 16 again afterwards", kReboot, check_skew_tick},
+  };
+  return kAll;
 }
 
 }  // namespace lithe::host

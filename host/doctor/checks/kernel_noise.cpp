@@ -34,8 +34,6 @@ State judge_machine_check(const Subject& subject, Notes& notes) {
   return !seconds ? State::unknown : *seconds == 0 ? State::ok : State::warn;
 }
 
-}  // namespace
-
 Finding check_watchdogs(const Subject& subject) {
   const std::string on_path = "/proc/sys/kernel/watchdog";
   const std::string cores_path = "/proc/sys/kernel/watchdog_cpumask";
@@ -100,6 +98,30 @@ Finding check_clocksource(const Subject& subject) {
   const bool slow = name == "hpet" || name == "acpi_pm" || name == "jiffies" || name == "refined-jiffies";
   return notes.say(slow ? State::fail : State::warn,
                    fmt::format("clock source {}{}", name, slow ? ": each reading costs a microsecond or more" : ""));
+}
+
+}  // namespace
+
+std::span<const Item> kernel_noise_items() {
+  static constexpr Item kAll[] = {
+      {19, "watchdogs", "The kernel's watchdogs leave the core alone", "a thread and a counter interrupt wake up there",
+       "sysctl kernel.watchdog_cpumask={others}", kNow, check_watchdogs},
+      {20, "vmstat", "Memory statistics are gathered rarely", "a worker on each core, every interval",
+       "sysctl vm.stat_interval=10", kNow, check_vmstat},
+      {21, "periodic_work", "Write-back and memory checks leave the core alone", "work of 10 to 100 us on the core",
+       "mend item 7, or sysctl vm.dirty_writeback_centisecs=1500; x86: echo 0 > "
+       "/sys/devices/system/machinecheck/machinecheck{cpu}/check_interval",
+       kNow, check_periodic_work},
+      {22, "core_interrupts", "Other cores interrupt this one rarely",
+       "shared memory maps, membarrier and scheduling send interrupts of 2 to 11 us from core to core",
+       "stop what maps and unmaps memory in a process that has a thread on the core", kNow, check_core_interrupts},
+      {23, "tracing", "Nothing is being traced", "turning a trace on or off stops all cores for a moment",
+       "echo nop > /sys/kernel/tracing/current_tracer; echo > /sys/kernel/tracing/set_event", kNow, check_tracing},
+      {24, "clocksource", "The clock is read without the kernel", "else each reading of the time is a slow call",
+       "boot option tsc=reliable, only where the processor has constant_tsc and nonstop_tsc", kReboot,
+       check_clocksource},
+  };
+  return kAll;
 }
 
 }  // namespace lithe::host

@@ -99,8 +99,6 @@ State judge_group(Notes& notes, const HostFiles& files, const std::string& folde
   return state;
 }
 
-}  // namespace
-
 Finding check_memory_lock(const Subject& subject) {
   const std::string limits_path = "/proc/self/limits";
   Notes notes(subject);
@@ -170,13 +168,14 @@ Finding check_shared_memory(const Subject& subject) {
 Finding check_cache_partition(const Subject& subject) {
   const std::string folder = "/sys/fs/resctrl";
   Notes notes(subject);
-  const Board board = board_of(subject.files);
+  const BoardKind board = board_of(subject.files);
   const std::string flags = field_of(subject.files.read("/proc/cpuinfo", kMostFlagsBytes).value, "flags");
-  if (board == Board::raspberry_pi || board == Board::jetson) {
+  if (board == BoardKind::raspberry_pi || board == BoardKind::jetson) {
     notes.read("/proc/device-tree/model");
     return notes.say(State::not_applicable, "this board cannot partition its caches");
   }
-  if (board != Board::x86 || flags.empty()) return notes.say(State::unknown, "it is not known what this processor can");
+  if (board != BoardKind::x86 || flags.empty())
+    return notes.say(State::unknown, "it is not known what this processor can");
   const bool can = has_word(flags, "cat_l3") || has_word(flags, "cat_l2") || has_word(flags, "mba");
   notes.add("/proc/cpuinfo", can ? "flag cat_l3, cat_l2 or mba" : "no flag cat_l3, cat_l2, mba");
   if (!can) return notes.say(State::not_applicable, "this processor cannot partition its caches");
@@ -221,6 +220,38 @@ Finding check_mitigations(const Subject& subject) {
   Notes notes(subject);
   notes.read("/proc/sys/kernel/randomize_va_space");
   return notes.say(State::not_applicable, "no effect once the Spine runs: leave it on");
+}
+
+}  // namespace
+
+std::span<const Item> memory_items() {
+  static constexpr Item kAll[] = {
+      {30, "memory_lock", "The Spine's memory is locked", "else a tick can wait for a page: microseconds, or a disk",
+       "LimitMEMLOCK=infinity in the unit, or '* - memlock unlimited' in /etc/security/limits.d", kNow,
+       check_memory_lock},
+      {31, "malloc", "malloc keeps its memory", "trimming and mapping change the page tables of all threads",
+       "nothing to do", kNow, check_malloc},
+      {32, "memory_scans", "The kernel does not scan or move memory",
+       "huge pages, page merging, NUMA balancing and compaction interrupt every core that shares the memory",
+       "echo madvise > /sys/kernel/mm/transparent_hugepage/enabled; echo 0 > /sys/kernel/mm/ksm/run; sysctl "
+       "kernel.numa_balancing=0 vm.compaction_proactiveness=0",
+       kNow, check_memory_scans},
+      {33, "swap", "No swap, or hardly used", "the Brain waits for a disk in the middle of a plan",
+       "swapoff -a, or sysctl vm.swappiness=10", kNow, check_swap},
+      {34, "shared_memory", "Shared memory is memory", "Spine and Brain meet in /dev/shm",
+       "mount -t tmpfs tmpfs /dev/shm", kNow, check_shared_memory},
+      {35, "cache_partition", "The Spine has a part of the cache",
+       "the Brain's data pushes the Spine's out; a small law stays in the first cache anyway",
+       "mount -t resctrl resctrl /sys/fs/resctrl; a group with core {cpu} and its own schemata", kNow,
+       check_cache_partition},
+      {36, "memory_limit", "No memory limit for the robot's group",
+       "at a limit the kernel takes memory back from the group, in the middle of what it does",
+       "systemd: no MemoryHigh= and no MemoryMax= for the unit of lithe run", kNow, check_memory_limit},
+      {37, "mitigations", "Address randomisation and mitigations",
+       "they cost time at the start and at system calls; the tick makes none", "leave them on", kNow,
+       check_mitigations},
+  };
+  return kAll;
 }
 
 }  // namespace lithe::host

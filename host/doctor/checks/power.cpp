@@ -37,9 +37,9 @@ State judge_range(const std::string& folder, Notes& notes) {
 
 // A Raspberry Pi lowers its clock when its supply is too weak, whatever the governor says.
 State judge_supply(const Subject& subject, Notes& notes) {
-  const Board board = board_of(subject.files);
-  if (board == Board::unknown) return State::unknown;
-  if (board != Board::raspberry_pi) return State::not_applicable;
+  const BoardKind board = board_of(subject.files);
+  if (board == BoardKind::unknown) return State::unknown;
+  if (board != BoardKind::raspberry_pi) return State::not_applicable;
   for (const std::string& each : subject.files.list("/sys/class/hwmon")) {
     const std::string folder = "/sys/class/hwmon/" + each;
     if (subject.files.read(folder + "/name").value != "rpi_volt") continue;
@@ -49,8 +49,6 @@ State judge_supply(const Subject& subject, Notes& notes) {
   notes.add("/sys/class/hwmon/*/name", "no rpi_volt");
   return State::unknown;
 }
-
-}  // namespace
 
 Finding check_governor(const Subject& subject) {
   Notes notes(subject);
@@ -77,8 +75,8 @@ Finding check_turbo(const Subject& subject) {
   if (no_turbo == 0 || boost == 1) return notes.say(State::warn, "turbo is on: the frequency depends on heat and load");
   if (no_turbo || boost) return notes.say(State::ok, "turbo is off");
   if (has_no_frequency(subject)) return notes.say(State::not_applicable, "the kernel does not set the frequency here");
-  const Board board = board_of(subject.files);
-  if (board == Board::raspberry_pi || board == Board::jetson) {
+  const BoardKind board = board_of(subject.files);
+  if (board == BoardKind::raspberry_pi || board == BoardKind::jetson) {
     notes.read("/proc/device-tree/model");
     return notes.say(State::not_applicable, "this board has no turbo");
   }
@@ -133,13 +131,38 @@ Finding check_bus_power(const Subject& subject) {
 Finding check_jetson_mode(const Subject& subject) {
   const std::string path = "/var/lib/nvpmodel/status";
   Notes notes(subject);
-  const Board board = board_of(subject.files);
+  const BoardKind board = board_of(subject.files);
   notes.read("/proc/device-tree/model");
-  if (board == Board::unknown) return notes.say(State::unknown, "it is not known what board this is");
-  if (board != Board::jetson) return notes.say(State::not_applicable, "not a Jetson");
+  if (board == BoardKind::unknown) return notes.say(State::unknown, "it is not known what board this is");
+  if (board != BoardKind::jetson) return notes.say(State::not_applicable, "not a Jetson");
   const Reading mode = notes.read(path);
   if (mode.value.empty()) return notes.unread(path);
   return notes.say(mode.value == "pmode:0000" ? State::ok : State::warn, "power mode " + mode.value);
+}
+
+}  // namespace
+
+std::span<const Item> power_items() {
+  static constexpr Item kAll[] = {
+      {25, "governor", "The frequency is fixed",
+       "a change of frequency stops the core for 10 to 100 us and slows the law",
+       "echo performance > /sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor; the same value in "
+       "scaling_min_freq "
+       "and scaling_max_freq; Raspberry Pi: force_turbo=1 and a strong supply",
+       kNow, check_governor},
+      {26, "turbo", "The frequency does not depend on heat", "with turbo, hot and cold runs differ",
+       "echo 1 > /sys/devices/system/cpu/intel_pstate/no_turbo, or echo 0 > /sys/devices/system/cpu/cpufreq/boost",
+       kNow, check_turbo},
+      {27, "idle_states", "The core wakes up fast",
+       "no matter for a Spine that spins; a Spine that sleeps wakes up late",
+       "echo 1 > /sys/devices/system/cpu/cpu{cpu}/cpuidle/stateN/disable for the deep states", kNow, check_idle_states},
+      {28, "bus_power", "PCIe and USB stay awake",
+       "adapters answer late after a sleep; what the firmware does beside the kernel (SMI) no file tells: hwlatdetect",
+       "boot options pcie_aspm.policy=performance and usbcore.autosuspend=-1", kReboot, check_bus_power},
+      {29, "jetson_mode", "Jetson: full power mode", "other modes switch cores off and limit the clock",
+       "nvpmodel -m 0; jetson_clocks", kNow, check_jetson_mode},
+  };
+  return kAll;
 }
 
 }  // namespace lithe::host

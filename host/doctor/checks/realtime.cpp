@@ -31,8 +31,6 @@ std::optional<bool> spins_realtime(const Subject& subject, Notes& notes) {
   return false;
 }
 
-}  // namespace
-
 Finding check_spine_pinned(const Subject& subject) {
   Notes notes(subject);
   bool runs = false;
@@ -95,6 +93,27 @@ Finding check_smt(const Subject& subject) {
   if (siblings == std::vector<int>{subject.cpu}) return notes.say(State::ok, "the core shares its units with no other");
   if (siblings.empty()) return notes.unread(path);
   return notes.say(State::warn, fmt::format("cores {} are threads of one physical core", cpu_list(siblings)));
+}
+
+}  // namespace
+
+std::span<const Item> realtime_items() {
+  static constexpr Item kAll[] = {
+      {8, "spine_pinned", "The Spine is pinned to the core",
+       "a Spine that moves loses its caches and meets other tasks", "[spine] cpu_spine = {cpu} in the robot file", kNow,
+       check_spine_pinned},
+      {9, "rt_throttling", "Real-time threads are not throttled",
+       "a real-time thread that spins loses 50 ms of each second",
+       "let the Spine be SCHED_OTHER, or sysctl kernel.sched_rt_runtime_us=-1", kNow, check_rt_throttling},
+      {10, "fair_server", "The fair server is off",
+       "since Linux 6.12 ordinary tasks get 50 ms of each second from a real-time thread, also without throttling",
+       "let the Spine be SCHED_OTHER, or echo 0 > /sys/kernel/debug/sched/fair_server/cpu{cpu}/runtime", kNow,
+       check_fair_server},
+      {11, "smt", "No second thread on the same physical core",
+       "a sibling shares the execution units and the first cache", "echo off > /sys/devices/system/cpu/smt/control",
+       kNow, check_smt},
+  };
+  return kAll;
 }
 
 }  // namespace lithe::host

@@ -111,8 +111,6 @@ std::optional<bool> is_v1(Notes& notes) {
   return groups.value.find(":cpuset:") != std::string::npos;
 }
 
-}  // namespace
-
 Finding check_domain_isolation(const Subject& subject) {
   Notes notes(subject);
   const int cpu = subject.cpu;
@@ -226,6 +224,42 @@ Finding check_workqueues(const Subject& subject) {
   if (!cpus) return notes.unread(path);
   if (!contains(*cpus, subject.cpu)) return notes.say(State::ok, "unbound work of the kernel runs on other cores");
   return notes.say(State::warn, fmt::format("unbound work of the kernel may run on core {}", subject.cpu));
+}
+
+}  // namespace
+
+std::span<const Item> scheduler_items() {
+  static constexpr Item kAll[] = {
+      {1, "domain_isolation", "The core is taken from the scheduler",
+       "the kernel then moves no task to it: everything else on the machine stays off the Spine's core",
+       "at run time: an isolated cpuset partition with core {cpu}; at boot: isolcpus=managed_irq,domain,{cpu} (no nohz "
+       "in "
+       "it unless the kernel has CONFIG_NO_HZ_FULL)",
+       kNow, check_domain_isolation},
+      {2, "isolated_partition", "Isolated partition of cgroup v2",
+       "the same without a reboot; the kernel can make it invalid later without a word, for example after a core was "
+       "off",
+       "mkdir /sys/fs/cgroup/spine; write {cpu} to its cpuset.cpus, then isolated to its cpuset.cpus.partition", kNow,
+       check_isolated_partition},
+      {3, "v1_shield", "Shield of cgroup v1",
+       "where cpusets belong to cgroup v1, balancing can be turned off; tasks left on the core then stay there for "
+       "ever",
+       "move every task to a cpuset of cores {others}, then write 0 to the root's cpuset.sched_load_balance", kNow,
+       check_v1_shield},
+      {4, "user_tasks", "User tasks stay off the core",
+       "a task that may run there will run there as soon as the core looks idle",
+       "taskset -acp {others} PID for each; for good: systemd CPUAffinity={others}", kNow, check_user_tasks},
+      {5, "kernel_threads", "Movable kernel threads stay off the core",
+       "threads such as rcu_preempt, kcompactd and khugepaged take the core for some 10 us",
+       "taskset -cp {others} TID for each; kernel threads that start later may come back", kNow, check_kernel_threads},
+      {6, "bound_kernel_threads", "Kernel threads bound to the core are quiet",
+       "kworker/{cpu}, ksoftirqd/{cpu} and migration/{cpu} cannot be moved; only their causes can: items 7, 12, 20, 21",
+       "mend items 7, 12, 20 and 21, then measure again", kNow, check_bound_kernel_threads},
+      {7, "workqueues", "Unbound kernel work stays off the core",
+       "write-back and the like take the core for some 10 us",
+       "echo {others_mask} > /sys/devices/virtual/workqueue/cpumask", kNow, check_workqueues},
+  };
+  return kAll;
 }
 
 }  // namespace lithe::host

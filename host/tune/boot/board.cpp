@@ -7,8 +7,9 @@
 #include <filesystem>
 #include <system_error>
 
-#include "host/tune/boot/kernel.hpp"
+#include "host/read/machine.hpp"
 #include "spine/core/host/files.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/text.hpp"
 #include "spine/robot/read/reader.hpp"
 
@@ -41,8 +42,6 @@ BootFile read_boot_file(const toml::table& table, Report& report) {
   boot.finish();
   return file;
 }
-
-bool is_there(const HostFiles& files, const std::string& path) { return !files.read(path).is_absent(); }
 
 }  // namespace
 
@@ -85,8 +84,8 @@ Result<std::vector<Board>> load_boards(const std::string& folder) {
 
 std::string boards_folder() {
   std::error_code failed;
-  const fs::path installed = fs::read_symlink("/proc/self/exe", failed).parent_path() / "../share/lithe/boards";
-  return fs::is_directory(installed, failed) ? installed.string() : LITHE_BOARDS_DIR;
+  const std::string installed = program_dir() + "/../share/lithe/boards";
+  return fs::is_directory(installed, failed) ? installed : LITHE_BOARDS_DIR;
 }
 
 FoundBoard find_board(const HostFiles& files, const std::vector<Board>& boards) {
@@ -102,8 +101,8 @@ FoundBoard find_board(const HostFiles& files, const std::vector<Board>& boards) 
     return {&board, fmt::format("/proc/cpuinfo has the flag {}", board.cpu_flag)};
   }
   for (const Board& board : boards) {
-    const auto there = std::find_if(board.files.begin(), board.files.end(),
-                                    [&](const std::string& path) { return is_there(files, path); });
+    const auto there =
+        std::find_if(board.files.begin(), board.files.end(), [&](const std::string& path) { return files.has(path); });
     if (there != board.files.end()) return {&board, *there + " is there", true};
   }
   return {};

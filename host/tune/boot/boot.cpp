@@ -27,12 +27,12 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kMostBootBytes = std::size_t{64} << 10;
 
-bool is_there(const HostFiles& files, const std::string& path) { return !files.read(path).is_absent(); }
-
-std::vector<int> ascending(std::vector<int> cores) {
-  std::sort(cores.begin(), cores.end());
-  cores.erase(std::unique(cores.begin(), cores.end()), cores.end());
-  return cores;
+// Each once.
+template <class T>
+std::vector<T> ascending(std::vector<T> list) {
+  std::sort(list.begin(), list.end());
+  list.erase(std::unique(list.begin(), list.end()), list.end());
+  return list;
 }
 
 Result<> check_cores(const BootCores& cores) {
@@ -92,16 +92,16 @@ Result<Edit> edit_boot_file(const HostFiles& files, const BootFile& boot, const 
 
 // Why a boot file does not count; empty: it does.
 std::string why_not(const HostFiles& files, const BootFile& boot) {
-  if (!is_there(files, boot.path)) return "not there";
-  if (!boot.needs.empty() && !is_there(files, boot.needs))
+  if (!files.has(boot.path)) return "not there";
+  if (!boot.needs.empty() && !files.has(boot.needs))
     return fmt::format("there, but {} is not: another system's", boot.needs);
-  if (!boot.without.empty() && is_there(files, boot.without))
+  if (!boot.without.empty() && files.has(boot.without))
     return fmt::format("there, but {} is, too: which of them boots is not known", boot.without);
   return "";
 }
 
 std::string by_hand(const HostFiles& files, const std::vector<Flag>& flags) {
-  const bool has_grubby = is_there(files, "/usr/sbin/grubby") || is_there(files, "/usr/bin/grubby");
+  const bool has_grubby = files.has("/usr/sbin/grubby") || files.has("/usr/bin/grubby");
   const std::string how =
       has_grubby ? fmt::format(" (here: `sudo grubby --update-kernel=ALL --args=\"{}\"`)", text_of(flags)) : "";
   return fmt::format("Add this to the kernel's command line by hand{}, boot again, and ask `lithe doctor`: {}", how,
@@ -112,13 +112,11 @@ Error no_board(const HostFiles& files, const std::vector<Board>& boards, const s
   const Reading model = files.read("/proc/device-tree/model");
   std::vector<std::string> looked;
   for (const Board& board : boards) looked.insert(looked.end(), board.files.begin(), board.files.end());
-  std::sort(looked.begin(), looked.end());
-  looked.erase(std::unique(looked.begin(), looked.end()), looked.end());
   return Error{fmt::format("unknown board: /proc/device-tree/model {}, and none of these files is there: {}. {}",
                            model.known()
                                ? fmt::format("is \"{}\"", printable(model.value.substr(0, model.value.find('\0'))))
                                : std::string(std::strerror(model.error)),
-                           fmt::join(looked, ", "), by_hand(files, flags))};
+                           fmt::join(ascending(looked), ", "), by_hand(files, flags))};
 }
 
 Error no_boot_file(const HostFiles& files, const FoundBoard& found, const std::vector<Flag>& flags) {

@@ -16,10 +16,6 @@ constexpr std::string_view kBlanks = " \t";
 
 std::string place(const std::string& path, std::size_t line) { return fmt::format("{}:{}", path, line); }
 
-Error refusal(const std::string& where, const std::string& what) {
-  return Error{fmt::format("{}: {}: nothing is written. Correct the file and plan again", where, what)};
-}
-
 // A line of extlinux.conf: "APPEND root=..." has the word "append" and an argument that begins at an offset of the
 // file.
 struct ExtlinuxLine {
@@ -83,6 +79,10 @@ Result<std::vector<ExtlinuxLine>> default_entry(const std::vector<ExtlinuxLine>&
 }
 
 }  // namespace
+
+Error refusal(const std::string& where, const std::string& what) {
+  return Error{fmt::format("{}: {}: nothing is written. Correct the file and plan again", where, what)};
+}
 
 Result<> check_boot_text(const std::string& path, std::string_view text) {
   if (text.find_first_not_of(" \t\n") == std::string_view::npos) return refusal(path, "the file is empty");

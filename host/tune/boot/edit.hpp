@@ -20,6 +20,9 @@ struct Edit {
   std::string after;
 };
 
+// "WHERE: WHAT: nothing is written. Correct the file and plan again".
+Error refusal(const std::string& where, const std::string& what);
+
 // Text, not empty, with the line ends of Unix; else an error with the path and the line.
 Result<> check_boot_text(const std::string& path, std::string_view text);
 

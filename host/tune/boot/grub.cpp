@@ -20,10 +20,6 @@ constexpr std::string_view kNormalOnly = "GRUB_CMDLINE_LINUX_DEFAULT";  // not f
 
 bool is_name(char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_'; }
 
-Error wrong(const std::string& where, const std::string& what) {
-  return Error{fmt::format("{}: {}: nothing is written. Correct the file and plan again", where, what)};
-}
-
 std::string our_lines(const std::vector<Flag>& flags) {
   if (flags.empty()) return "";
   return fmt::format("{}\n{}=\"${} {}\"\n{}\n", kFirst, kVariable, kVariable, text_of(flags), kLast);
@@ -48,7 +44,8 @@ bool keeps_old(std::string_view value) {
 
 Result<> read_line(std::string_view line, const std::string& where, std::size_t number, Parsed& parsed) {
   const ShellLine shell = read_shell_line(line);
-  if (!shell.is_whole) return wrong(where, "a quote does not close on this line, or the line goes on in the next one");
+  if (!shell.is_whole)
+    return refusal(where, "a quote does not close on this line, or the line goes on in the next one");
   if (shell.variable != kVariable && shell.variable != kNormalOnly) return done();
   const Result<std::vector<Word>> words = words_of(shell.value, where);
   if (!words) return words.error();
@@ -69,7 +66,7 @@ Result<Parsed> parse(const GrubFile& file) {
     at = end + 1;
     if (line.starts_with(kOurs)) {
       const bool expected = within ? line == kLast : line == kFirst && parsed.our_line == 0;
-      if (!expected) return wrong(where, "a line of ours that is not whole, or not in its place");
+      if (!expected) return refusal(where, "a line of ours that is not whole, or not in its place");
       if (!within) parsed.our_line = number + 1;
       within = !within;
       parsed.ours += fmt::format("{}\n", line);
@@ -79,7 +76,7 @@ Result<Parsed> parse(const GrubFile& file) {
       return read.error();
     }
   }
-  if (within) return wrong(fmt::format("{}:{}", file.path, parsed.our_line), "our lines begin here and do not end");
+  if (within) return refusal(fmt::format("{}:{}", file.path, parsed.our_line), "our lines begin here and do not end");
   return parsed;
 }
 
@@ -102,14 +99,14 @@ Result<Found> read_all(const std::vector<GrubFile>& files, bool has_folder) {
     const bool behind = found.where.empty() ? has_folder && file.path > kOurGrubFile : true;
     const bool after_ours = behind || (parsed->our_line != 0 && parsed->dropped_at > parsed->our_line);
     if (parsed->dropped_at != 0 && after_ours) {
-      return wrong(fmt::format("{}:{}", file.path, parsed->dropped_at),
-                   fmt::format("this line drops what {} was before, our flags with it; write {}=\"${} ...\"", kVariable,
-                               kVariable, kVariable));
+      return refusal(fmt::format("{}:{}", file.path, parsed->dropped_at),
+                     fmt::format("this line drops what {} was before, our flags with it; write {}=\"${} ...\"",
+                                 kVariable, kVariable, kVariable));
     }
     if (parsed->our_line == 0) continue;
     const std::string where = fmt::format("{}:{}", file.path, parsed->our_line);
-    if (!found.where.empty()) return wrong(where, "our lines stand here and at " + found.where);
-    if (file.path == kOurGrubFile && parsed->ours != file.text) return wrong(where, "other lines in our own file");
+    if (!found.where.empty()) return refusal(where, "our lines stand here and at " + found.where);
+    if (file.path == kOurGrubFile && parsed->ours != file.text) return refusal(where, "other lines in our own file");
     found.ours = parsed->ours;
     found.where = where;
   }

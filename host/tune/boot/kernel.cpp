@@ -16,7 +16,6 @@ namespace lithe::host {
 namespace {
 
 constexpr std::size_t kMostConfigFileBytes = std::size_t{4} << 20;  // Debian's has 260 kB
-constexpr std::size_t kMostCpuInfoBytes = std::size_t{4} << 20;
 constexpr const char* kConfigPrefix = "config-";
 constexpr const char* kPacked = "/proc/config.gz";
 constexpr const char* kRelease = "/proc/sys/kernel/osrelease";
@@ -76,14 +75,6 @@ std::vector<Extra> extras(const Kernel& kernel, const BootCores& cores) {
 
 }  // namespace
 
-bool has_cpu_flag(const HostFiles& files, const std::string& flag) {
-  const Result<std::string> info = read_regular_file(files.root() + "/proc/cpuinfo", kMostCpuInfoBytes);
-  const std::size_t at = info ? info->find("\nflags") : std::string::npos;
-  if (at == std::string::npos) return false;
-  const std::string flags = info->substr(at + 1, info->find('\n', at + 1) - at - 1) + " ";
-  return flags.find(" " + flag + " ") != std::string::npos;
-}
-
 bool Kernel::has(std::string_view option) const {
   return !configs.empty() && std::all_of(configs.begin(), configs.end(), [&](const std::string& config) {
     return has_line(config, fmt::format("CONFIG_{}=y", option));
@@ -106,7 +97,7 @@ Kernel read_kernel(const HostFiles& files) {
     kernel.version = kernel.configs.empty() ? version : std::min(kernel.version, version);
     const Result<std::string> config = config_of(files, release, running);
     if (!config && kernel.not_known.empty()) {
-      const bool may_tell = running && files.read(kPacked).is_absent();  // Raspberry Pi OS: a module
+      const bool may_tell = running && !files.has(kPacked);  // Raspberry Pi OS: a module
       kernel.not_known.push_back(advice(printable(config.message()), may_tell ? kAskModule : ""));
     }
     kernel.configs.push_back(config ? *config : "");

@@ -12,9 +12,6 @@
 
 namespace lithe::host {
 
-// Whether the first processor of /proc/cpuinfo has a flag (x86: "constant_tsc").
-bool has_cpu_flag(const HostFiles& files, const std::string& flag);
-
 // Facts about the running kernel. Below a root without /proc: about all kernels installed there, because any may boot.
 struct Kernel {
   int version = 0;                     // 5006 is 5.6; of several the oldest; 0: not known

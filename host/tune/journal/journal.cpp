@@ -100,7 +100,7 @@ std::string text_as_bytes(const std::string& text) {
   return bytes;
 }
 
-std::string boot_id() { return HostFiles().read("/proc/sys/kernel/random/boot_id").value; }
+std::string boot_id(const std::string& root) { return HostFiles(root).read("/proc/sys/kernel/random/boot_id").value; }
 
 Result<Journal> Journal::open(const std::string& path, const std::string& boot, bool make, StepHook hook) {
   Journal journal(path, boot, std::move(hook));

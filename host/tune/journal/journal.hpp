@@ -67,7 +67,7 @@ class Journal {
 };
 
 // This boot's id; "" when it cannot be read.
-std::string boot_id();
+std::string boot_id(const std::string& root = "");
 
 // Every byte as one character, so that text of any encoding fits into JSON and comes back as it was.
 std::string bytes_as_text(const std::string& bytes);

@@ -13,7 +13,6 @@
 #include "host/read/files.hpp"
 #include "host/read/tasks.hpp"
 #include "host/read/words.hpp"
-#include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/fd.hpp"
 #include "spine/core/host/files.hpp"
@@ -46,15 +45,6 @@ Now cores_of_task(const Change& change) {
 Now before(const Change& change) { return {.absent = change.was_absent, .value = change.before}; }
 
 Now after(const Change& change) { return {.value = change.after}; }
-
-int write_all(int fd, const std::string& bytes) {
-  for (std::size_t written = 0; written < bytes.size();) {
-    const ssize_t put = ::write(fd, bytes.data() + written, bytes.size() - written);
-    if (put < 0 && errno != EINTR) return errno;
-    written += static_cast<std::size_t>(put > 0 ? put : 0);
-  }
-  return 0;
-}
 
 void sync_folder_of(const std::string& path) {
   const Fd folder(::open(path.substr(0, path.rfind('/')).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));

@@ -59,9 +59,6 @@ class Writer {
   StepHook hook_;
 };
 
-// Writes all bytes; 0 or errno.
-int write_all(int fd, const std::string& bytes);
-
 // Makes the names in the folder of `path` reach the disk.
 void sync_folder_of(const std::string& path);
 

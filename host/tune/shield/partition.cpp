@@ -8,7 +8,6 @@
 #include "host/read/partitions.hpp"
 #include "host/read/tasks.hpp"
 #include "host/read/words.hpp"
-#include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/shield_group.hpp"
 
@@ -29,10 +28,6 @@ Change part(ChangeKind kind, const std::string& path, const std::string& before,
           .before = before,
           .after = after,
           .why = why};
-}
-
-std::vector<int> online_cores(const HostFiles& files) {
-  return parse_cpu_list(files.read("/sys/devices/system/cpu/online").value);
 }
 
 bool forgets_masks(const HostFiles& files) {

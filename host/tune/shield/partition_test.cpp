@@ -20,7 +20,6 @@
 #include "host/test/fake_machine.hpp"
 #include "host/tune/shield/shield.hpp"
 #include "host/tune/tune.hpp"
-#include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/realtime.hpp"
 

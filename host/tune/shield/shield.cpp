@@ -13,9 +13,9 @@
 #include "host/read/tasks.hpp"
 #include "host/tune/runtime.hpp"
 #include "host/tune/shield/partition.hpp"
-#include "host/tune/values.hpp"
 #include "spine/core/host/child.hpp"
 #include "spine/core/host/cores.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/host/realtime.hpp"
 
 namespace lithe::host {

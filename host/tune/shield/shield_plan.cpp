@@ -6,7 +6,6 @@
 
 #include "host/read/tasks.hpp"
 #include "host/tune/shield/partition.hpp"
-#include "host/tune/values.hpp"
 #include "spine/core/host/cores.hpp"
 
 namespace lithe::host {

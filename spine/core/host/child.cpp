@@ -118,4 +118,12 @@ ChildEnd run_forked(const std::function<int(int)>& body, const ChildLimits& limi
   return end;
 }
 
+int exec_program(const std::vector<std::string>& argv) {
+  std::vector<char*> raw;
+  for (const std::string& word : argv) raw.push_back(const_cast<char*>(word.c_str()));
+  raw.push_back(nullptr);
+  execvp(raw[0], raw.data());
+  return errno;
+}
+
 }  // namespace lithe

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <functional>
 #include <string>
+#include <vector>
 
 namespace lithe {
 
@@ -29,5 +30,8 @@ struct ChildEnd {
 // process dies. With whole_group this process adopts the child's orphans (PR_SET_CHILD_SUBREAPER).
 // Contract: one child at a time
 ChildEnd run_forked(const std::function<int(int out_fd)>& body, const ChildLimits& limits);
+
+// Replaces this process by a program, found as a shell finds it. Returns only when that fails: the errno.
+int exec_program(const std::vector<std::string>& argv);
 
 }  // namespace lithe

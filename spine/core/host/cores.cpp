@@ -25,12 +25,6 @@ std::string read_or_empty(const std::string& path) {
   return text ? text->substr(0, text->find('\n')) : "";
 }
 
-std::vector<int> without(const std::vector<int>& cpus, const std::vector<int>& others) {
-  std::vector<int> rest;
-  std::set_difference(cpus.begin(), cpus.end(), others.begin(), others.end(), std::back_inserter(rest));
-  return rest;
-}
-
 std::vector<int> both(const std::vector<int>& cpus, const std::vector<int>& others) {
   std::vector<int> all;
   std::set_union(cpus.begin(), cpus.end(), others.begin(), others.end(), std::back_inserter(all));
@@ -87,7 +81,8 @@ std::vector<int> MachineCores::usable() const {
 }
 
 std::vector<int> MachineCores::automatic() const {
-  const bool whole = affinity == without(granted, isolated.boot) || affinity == without(granted, isolated.all());
+  const bool whole =
+      affinity == cores_without(granted, isolated.boot) || affinity == cores_without(granted, isolated.all());
   return whole ? usable() : affinity;
 }
 
@@ -118,6 +113,17 @@ std::string cpu_list(const std::vector<int>& cpus) {
     i = last + 1;
   }
   return text;
+}
+
+std::vector<int> cores_without(const std::vector<int>& cores, const std::vector<int>& others) {
+  std::vector<int> rest;
+  std::set_difference(cores.begin(), cores.end(), others.begin(), others.end(), std::back_inserter(rest));
+  return rest;
+}
+
+bool share_a_core(const std::vector<int>& some, const std::vector<int>& others) {
+  return std::any_of(some.begin(), some.end(),
+                     [&](int core) { return std::binary_search(others.begin(), others.end(), core); });
 }
 
 IsolatedCores isolated_cores(pid_t pid, const std::string& root) {

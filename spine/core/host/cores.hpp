@@ -45,6 +45,10 @@ struct MachineCores {
 std::vector<int> parse_cpu_list(const std::string& text);
 std::string cpu_list(const std::vector<int>& cpus);
 
+// The cores that are in `cores` and not in `others`, and whether they have one in common; both lists ascending.
+std::vector<int> cores_without(const std::vector<int>& cores, const std::vector<int>& others);
+bool share_a_core(const std::vector<int>& some, const std::vector<int>& others);
+
 // Of a process (0: this one); `root` holds the files of the kernel, /sys and /proc. What cannot be read is not
 // isolated.
 IsolatedCores isolated_cores(pid_t pid = 0, const std::string& root = "");

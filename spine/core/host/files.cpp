@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 
 #include "spine/core/host/fd.hpp"
@@ -47,6 +48,28 @@ Result<std::string> read_regular_file(const std::string& path, std::size_t most_
     if (bytes.size() > most_bytes) return too_large(path, most_bytes);
     if (got == 0) return bytes;
   }
+}
+
+int write_all(int fd, std::string_view bytes) {
+  while (!bytes.empty()) {
+    const ssize_t put = write(fd, bytes.data(), bytes.size());
+    if (put < 0 && errno != EINTR) return errno;
+    if (put > 0) bytes.remove_prefix(static_cast<std::size_t>(put));
+  }
+  return 0;
+}
+
+std::string write_file_whole(const std::string& path, std::string_view bytes) {
+  const std::string part = path + ".part" + std::to_string(getpid());
+  const Fd file(open(part.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0640));
+  if (!file) return std::strerror(errno);
+  struct stat old{};
+  if (stat(path.c_str(), &old) == 0) fchmod(file.get(), old.st_mode & 07777U);
+  int failed = write_all(file.get(), bytes);
+  if (failed == 0 && rename(part.c_str(), path.c_str()) != 0) failed = errno;
+  if (failed == 0) return "";
+  unlink(part.c_str());
+  return std::strerror(failed);
 }
 
 void set_file_defaults() {

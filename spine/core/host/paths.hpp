@@ -10,6 +10,9 @@ namespace lithe {
 // A variable of the environment; one that is set to nothing is like one that is not set.
 std::string environment(const char* name);
 
+// The folder of this program; the others of LITHE are in the same one, what it is installed with beside it.
+std::string program_dir();
+
 // $LITHE_RUN_DIR, else /run/lithe (root), else $XDG_RUNTIME_DIR/lithe, else /tmp/lithe-<uid>. Not created.
 std::string run_dir();
 

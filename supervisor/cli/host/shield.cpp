@@ -14,9 +14,12 @@
 #include <iostream>
 #include <optional>
 
+#include "host/read/machine.hpp"
 #include "host/tune/shield/shield.hpp"
+#include "spine/core/host/child.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/fd.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/host/shield_group.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
@@ -28,19 +31,9 @@ namespace {
 
 constexpr int kNotStarted = 127, kSignalled = 128;
 
-// An image does not say how many cores its machine has.
-constexpr const char* kImageCores = "0-3";
-
-std::vector<int> online_cores(const std::string& root) {
-  const host::Reading online = host::HostFiles(root).read("/sys/devices/system/cpu/online");
-  return parse_cpu_list(online.known() ? online.value : kImageCores);
-}
-
 std::optional<robot::RobotConfig> robot_of(const TuneWords& words) {
   if (words.robot.empty()) return std::nullopt;
-  auto robot = robot::load_robot(words.robot);
-  if (!robot) throw control::Refusal{"bad_config", robot.message(), "correct the file"};
-  return *robot;
+  return value_of(robot::load_robot(words.robot), "bad_config", "correct the file");
 }
 
 // What the Spine's own plan takes.
@@ -49,9 +42,7 @@ std::vector<int> robots_cores(const std::vector<int>& all, bool image, const std
       image ? MachineCores{.online = all, .affinity = all, .granted = all, .isolated = {}} : machine_cores();
   machine.affinity = machine.granted;  // of this shell it may be narrowed: the plan is one for the machine
   if (!robot) return robot::own_cores(robot::fold_cpus(machine));
-  const Result<robot::CpuPlan> plan = robot::plan_cpus(*robot, machine);
-  if (!plan) throw control::Refusal{"bad_config", plan.message(), "correct the file"};
-  return robot::own_cores(*plan);
+  return robot::own_cores(value_of(robot::plan_cpus(*robot, machine), "bad_config", "correct the file"));
 }
 
 void stop_and_wait(pid_t child, const sigset_t& awaited, host::Shield& shield, int& status) {
@@ -76,16 +67,13 @@ bool join_partition() {
 int run_command(const std::vector<std::string>& words, const sigset_t& awaited, const sigset_t& before,
                 host::Shield& shield) {
   const bool inside = shield.has_partition();
-  std::vector<char*> argv;
-  for (const std::string& word : words) argv.push_back(const_cast<char*>(word.c_str()));
-  argv.push_back(nullptr);
   const pid_t child = ::fork();
   if (child == 0) {
     ::sigprocmask(SIG_SETMASK, &before, nullptr);
     if (inside && !join_partition())
       std::cerr << "lithe tune shield: the command is not in the partition: " << std::strerror(errno) << std::endl;
-    ::execvp(argv[0], argv.data());
-    std::cerr << "lithe tune shield: cannot start " << words[0] << ": " << std::strerror(errno) << std::endl;
+    const int why = exec_program(words);
+    std::cerr << "lithe tune shield: cannot start " << words[0] << ": " << std::strerror(why) << std::endl;
     ::_exit(kNotStarted);
   }
   if (child < 0) throw control::Refusal{"no_program", fmt::format("cannot start {}", words[0]), std::strerror(errno)};
@@ -105,8 +93,8 @@ void leave_cores(const std::vector<int>& all, const std::vector<int>& cores) {
 
 // For the unit of systemd: this program; of an image, the one that is installed there.
 std::string program_of(const host::Target& target) {
+  if (!target.image) return program_dir() + "/lithe";
   std::error_code failed;
-  if (!target.image) return std::filesystem::read_symlink("/proc/self/exe", failed).string();
   for (const char* path : {"/usr/local/bin/lithe", "/usr/bin/lithe"})
     if (std::filesystem::exists(target.root + path, failed)) return path;
   return "";
@@ -123,7 +111,8 @@ host::Target place_of(const TuneWords& words) {
       throw control::Refusal{"usage", fmt::format("--root {}: is no folder", words.root), "mount the image there"};
     if (target.root == "/") throw control::Refusal{"usage", "--root / is this machine", "leave out --root"};
   }
-  target.all_cores = online_cores(target.root);
+  target.all_cores = host::online_cores(host::HostFiles(target.root));
+  if (target.all_cores.empty()) target.all_cores = {0, 1, 2, 3};  // an image does not say how many its machine has
   return target;
 }
 
@@ -155,19 +144,18 @@ int tune_shield(const Context&, const TuneWords& words) {
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGPIPE, SIGCHLD}) ::sigaddset(&awaited, number);
   ::sigprocmask(SIG_BLOCK, &awaited, &before);
   // What a killed shield left narrows the cores that we and the command inherit.
-  const auto left = host::Shield::lower_left_over();
-  if (!left) throw control::Refusal{"no_shield", left.message(), "wait for its end, or stop it"};
+  value_of(host::Shield::lower_left_over(), "no_shield", "wait for its end, or stop it");
   const host::Target target = target_of(words);
   // The kernel moves no task away from a core that it no longer balances: this process and the command must leave it
   // first.
   leave_cores(target.all_cores, target.cores);
-  auto shield = host::Shield::raise({.cores = target.cores, .leave = {::getpid()}, .partition = words.partition});
+  auto raised = host::Shield::raise({.cores = target.cores, .leave = {::getpid()}, .partition = words.partition});
   leave_cores(target.all_cores, {});
-  if (!shield) throw control::Refusal{"no_shield", shield.message(), "sudo lithe tune shield -- COMMAND"};
-  std::cerr << "shield: " << host::shield_words(shield->facts()) << std::endl;
-  for (const std::string& note : shield->facts().notes) std::cerr << "shield: " << note << std::endl;
-  const int code = run_command(words.command, awaited, before, *shield);
-  const auto lowered = shield->lower();
+  host::Shield shield = value_of(std::move(raised), "no_shield", "sudo lithe tune shield -- COMMAND");
+  std::cerr << "shield: " << host::shield_words(shield.facts()) << std::endl;
+  for (const std::string& note : shield.facts().notes) std::cerr << "shield: " << note << std::endl;
+  const int code = run_command(words.command, awaited, before, shield);
+  const auto lowered = shield.lower();
   const std::string last = lowered ? host::born_words(*lowered) : lowered.message();
   if (!last.empty()) std::cerr << "shield: " << last << std::endl;
   return code;

@@ -10,12 +10,12 @@
 #include <system_error>
 
 #include "spine/core/host/files.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/core/print.hpp"
 #include "supervisor/cli/core/talk.hpp"
 #include "supervisor/cli/laws/params.hpp"
-#include "supervisor/core/process.hpp"
 #include "supervisor/link/client/presence.hpp"
 #include "supervisor/link/services/lawd_link.hpp"
 
@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 
 // Installed beside the program, else the source tree it was built from.
 fs::path laws_dir() {
-  const fs::path installed = fs::path(control::program_dir()) / "../share/lithe/laws";
+  const fs::path installed = fs::path(program_dir()) / "../share/lithe/laws";
   return fs::is_directory(installed) ? installed : fs::path(LITHE_LAWS_DIR);
 }
 
@@ -67,7 +67,7 @@ constexpr std::size_t kJointsWithoutARobot = 6;  // as an arm: a small number sh
 
 // Without a robot the check starts its own compile service.
 Answer check_alone(const Source& source) {
-  control::LawdLink lawd(control::program_dir() + "/lawd", {}, kJointsWithoutARobot);
+  control::LawdLink lawd(program_dir() + "/lawd", {}, kJointsWithoutARobot);
   if (const auto started = lawd.start(monotonic_ns()); !started)
     return Refusal{"lawd_failed", started.message(), "is the build complete (make)?"};
   std::optional<Answer> answer;

@@ -6,8 +6,6 @@
 
 #include <charconv>
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 #include <optional>
 #include <regex>
 #include <system_error>
@@ -19,8 +17,6 @@
 
 namespace lithe::cli {
 namespace {
-
-namespace fs = std::filesystem;
 
 void print_params(const Json& params) {
   fmt::print("law {}\n{}{}", word(params, "law"), param_rows(params["params"]), warning_lines(params, ""));
@@ -36,22 +32,6 @@ std::optional<std::pair<std::size_t, std::size_t>> find_default(const std::strin
 
 bool names_law(const std::string& text, const std::string& law) {
   return std::regex_search(text, std::regex(R"(LITHE_LAW\s*\([^,]*,\s*")" + law + "\"\\s*\\)"));
-}
-
-// Replaces the file atomically: afterwards it is either complete and new, or unchanged.
-std::error_code replace_file(const fs::path& path, const std::string& text) {
-  const fs::path part = path.string() + ".new";
-  std::ofstream file(part, std::ios::binary);
-  file << text;
-  file.close();
-  std::error_code failure;
-  if (!file) {
-    fs::remove(part, failure);
-    return std::make_error_code(std::errc::io_error);
-  }
-  fs::permissions(part, fs::status(path).permissions(), failure);
-  fs::rename(part, path, failure);
-  return failure;
 }
 
 }  // namespace
@@ -125,8 +105,8 @@ int param_save(const Context& context, const std::string& path) {
     }
     text.replace(place->first, place->second, fmt::format("{}", each["value"].get<double>()));
   }
-  if (const auto failure = replace_file(path, text)) {
-    throw Refusal{"no_source", fmt::format("cannot write {}: {}", path, failure.message()),
+  if (const std::string failure = write_file_whole(path, text); !failure.empty()) {
+    throw Refusal{"no_source", fmt::format("cannot write {}: {}", path, failure),
                   "the file is as it was; is it writable, is the disk full?"};
   }
   return finish(context, running, [&path](const Json& result) {
