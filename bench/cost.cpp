@@ -3,6 +3,8 @@
 //
 // The robots take turns in blocks of 500 ms. The negative control compares the robot with 32 joints with the one with a
 // single joint: without a difference there, the bench would measure nothing.
+#include <cstdio>
+#include <memory>
 #include <string>
 #include <vector>
 

@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <cstdio>
+#include <string>
 #include <vector>
 
 #include "bench/rig/cycles.hpp"

@@ -3,6 +3,7 @@
 // bench_release [ROUNDS]: each round has one block of every way, on the Spine's core.
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <cstdlib>
 #include <memory>
 #include <string>

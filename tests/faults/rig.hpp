@@ -3,7 +3,9 @@
 // Every part is the one a real robot has, from frames to the tick; only time is virtual.
 #pragma once
 
+#include <array>
 #include <string>
+#include <vector>
 
 #include "sim/devices.hpp"
 #include "spine/loop/test/tick_rig.hpp"

@@ -3,6 +3,7 @@
 #include "spine/hal/cia402/sim/sim_cia402.hpp"
 
 #include <cmath>
+#include <limits>
 
 #include "spine/hal/bus/loop/sim_wire.hpp"
 #include "spine/hal/gateway/sim/sim_gateway.hpp"

@@ -2,7 +2,10 @@
 // A guard between any law and simulated joints, without a bus: fast enough for thousands of runs.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <random>
+#include <string>
 #include <string_view>
 #include <vector>
 
