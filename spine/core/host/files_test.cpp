@@ -10,6 +10,7 @@
 #include <cerrno>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 
 namespace lithe {
 namespace {
@@ -38,6 +39,19 @@ TEST_F(FilesTest, AFileIsReadWholeUpToItsLimit) {
   }
   std::ofstream(in("law.cpp"), std::ios::binary) << std::string(101, 'x');
   EXPECT_EQ(why(in("law.cpp")), in("law.cpp") + ": is larger than 100 bytes");
+}
+
+TEST_F(FilesTest, AFileIsReplacedWholeAndKeepsItsMode) {
+  EXPECT_EQ(write_file_whole(in("law.cpp"), "old"), "");
+  ASSERT_EQ(chmod(in("law.cpp").c_str(), 0604), 0);
+  EXPECT_EQ(write_file_whole(in("law.cpp"), std::string(200'000, 'x')), "");
+  struct stat about{};
+  ASSERT_EQ(stat(in("law.cpp").c_str(), &about), 0);
+  EXPECT_EQ(about.st_mode & 07777, 0604U);
+  EXPECT_EQ(about.st_size, 200'000);
+  fs::create_directory(in("folder"));
+  EXPECT_EQ(write_file_whole(in("folder"), "x"), "Is a directory") << "and leaves nothing beside it";
+  EXPECT_EQ(std::distance(fs::directory_iterator(dir_), {}), 2);
 }
 
 TEST_F(FilesTest, WhatIsNoFileIsNamedAndNotRead) {
