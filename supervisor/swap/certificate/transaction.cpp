@@ -7,6 +7,7 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <string_view>
 #include <utility>
 
 #include "spine/core/sha256.hpp"
@@ -263,8 +264,9 @@ Json Transaction::certificate() const {
   out["split_ms"] = split_ms();
   out["times_ns"] = times_ns();
   Json reasons = Json::object();
-  for (const Step& each : steps_)
-    if (!each.reason.empty()) reasons[to_string(each.stage)] = each.reason;
+  for (const Step& each : steps_)  // why it was unproven holds only as long as it is
+    if (!each.reason.empty() && (each.stage != Stage::unproven || verdict() == std::string_view("unproven")))
+      reasons[to_string(each.stage)] = each.reason;
   out["reasons"] = std::move(reasons);
   out["terms"] = request_.terms.to_json();
   if (!request_.params.empty()) {

@@ -81,8 +81,11 @@ TEST(Transaction, TellsTheParametersItWasAskedFor) {
 TEST(Transaction, IsUnprovenUntilItIsConfirmed) {
   Transaction swap = at(Stage::unproven);
   EXPECT_STREQ(swap.verdict(), "unproven");
+  EXPECT_EQ(swap.certificate()["reasons"]["unproven"], "why");
   EXPECT_TRUE(go(swap, Stage::confirmed, 99'000'000));
   EXPECT_STREQ(swap.verdict(), "confirmed");
+  EXPECT_FALSE(swap.certificate()["reasons"].contains("unproven")) << "a reason that no longer holds";
+  EXPECT_EQ(swap.certificate()["times_ns"]["unproven"], at(Stage::unproven).certificate()["times_ns"]["unproven"]);
 }
 
 TEST(Transaction, OneThatIsOnlyMeasuredIsNeitherRefusedNorCommitted) {
