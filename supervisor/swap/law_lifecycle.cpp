@@ -305,6 +305,17 @@ Json LawLifecycle::score_of(std::uint32_t law_id) const {
   return score;
 }
 
+std::filesystem::path LawLifecycle::page_of(std::uint32_t law_id) const {
+  const auto life = std::ranges::find_if(lives_, [&](const Life& each) { return each.swap.law_id() == law_id; });
+  return life == lives_.end() ? std::filesystem::path() : life->record.path;
+}
+
+std::vector<std::filesystem::path> LawLifecycle::pages() const {
+  std::vector<std::filesystem::path> all;
+  for (const Life& each : lives_) all.push_back(each.record.path);
+  return all;
+}
+
 void LawLifecycle::end(const std::string& why, std::int64_t now_ns) {
   for (Life& each : lives_) {
     measure(each);

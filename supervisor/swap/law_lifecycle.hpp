@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
@@ -48,6 +49,10 @@ class LawLifecycle {
   // How a resident law did: its verdict and, once measured, rms_error_rad by joint, clamped and missed_ticks. Null: it
   // is not known, such as one that an earlier supervisor swapped in.
   Json score_of(std::uint32_t law_id) const;
+  // The certificate of a resident law; empty: it is not known, or could not be written.
+  std::filesystem::path page_of(std::uint32_t law_id) const;
+  // Of all resident laws.
+  std::vector<std::filesystem::path> pages() const;
   // The newest law faults (at most kFaultsKept), oldest first, as in their certificates.
   const Json& faults() const { return told_; }
   // The robot stops, or its Spine has ended: writes the final verdict of every law.

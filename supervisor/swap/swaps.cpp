@@ -6,11 +6,19 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <set>
 #include <utility>
 
 #include "spine/core/time.hpp"
 
 namespace lithe::control {
+namespace {
+
+std::filesystem::path text_beside(std::filesystem::path certificate) {
+  return certificate.empty() ? certificate : certificate.replace_extension("cpp");
+}
+
+}  // namespace
 
 Swaps::Swaps(const Helpers& helpers, RecordBook book, std::uint64_t first_request_id, const robot::RobotConfig& robot)
     : help_(helpers),
@@ -147,6 +155,7 @@ void Swaps::keep_record(Entry& entry) {
     entry.record = *page;
     entry.record_lost.clear();
     write_failed_.clear();
+    drop_old_sources();
   } else {
     entry.record_lost = write_failed_ = page.message();
     spdlog::warn("{}", page.message());
@@ -162,11 +171,25 @@ void Swaps::write_last_records(std::int64_t now_ns) {
         lost, lost == 1 ? " is" : "s are", records().string());
 }
 
+// A rollback leads to the laws that are loaded; `activate` names the text of any other that ran.
+void Swaps::drop_old_sources() {
+  std::set<std::filesystem::path> needed;
+  for (const auto& page : lifecycle_.pages()) needed.insert(text_beside(page));
+  for (const auto& [law, text] : sources_) needed.insert(text);
+  book_.drop_old_texts(needed);
+}
+
 std::filesystem::path Swaps::source_of(const std::string& law) const {
   const auto found = sources_.find(law);
   std::error_code failure;
   return found != sources_.end() && std::filesystem::exists(found->second, failure) ? found->second
                                                                                     : std::filesystem::path();
+}
+
+std::filesystem::path Swaps::source_of(std::uint32_t law_id) const {
+  const std::filesystem::path text = text_beside(lifecycle_.page_of(law_id));
+  std::error_code failure;
+  return std::filesystem::exists(text, failure) ? text : std::filesystem::path();
 }
 
 Json Swaps::records_trouble() const {
@@ -241,8 +264,7 @@ void Swaps::finish(Entry entry) {
     return;
   }
   if (!swap.refusal()) {
-    if (!entry.record.path.empty())
-      sources_[swap.compiled().law] = std::filesystem::path(entry.record.path).replace_extension("cpp");
+    if (!entry.record.path.empty()) sources_[swap.compiled().law] = text_beside(entry.record.path);
     if (sources_.size() > kMostSources) sources_.erase(sources_.begin());
     lifecycle_.follow(std::move(swap), entry.record, before_, monotonic_ns());
     entry.callback(certificate);

@@ -51,6 +51,8 @@ class Swaps {
   Json score_of(std::uint32_t law_id) const { return lifecycle_.score_of(law_id); }
   // The text of a law of this name that ran, the newest: a file beside its certificate. Empty: not known.
   std::filesystem::path source_of(const std::string& law) const;
+  // The same of a law that is loaded.
+  std::filesystem::path source_of(std::uint32_t law_id) const;
   // The robot file's terms, changed by the arguments of the request.
   std::variant<SwapTerms, Refusal> read_terms(const Json& args) const;
   void submit(SwapRequest request, Callback callback, std::int64_t now_ns);
@@ -142,6 +144,7 @@ class Swaps {
   void locate(const Transaction& swap, std::uint32_t offset, LawLifecycle::Found found);
   void remember(const Transaction& swap);
   void keep_record(Entry& entry);
+  void drop_old_sources();
   void rewrite(const Transaction& swap, const RecordBook::Page& record);
   void note(const Transaction& swap, const char* kind, const std::string& text);
   std::uint64_t missed_releases() const;

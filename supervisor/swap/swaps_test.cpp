@@ -111,8 +111,7 @@ class SwapsTest : public SpineRig {
   std::optional<Commands> commands_;
   EventLog log_;
   std::vector<Answer> answers_;
-  std::uint64_t ticket_ = 0;
-  std::uint64_t request_id_ = 0;
+  std::uint64_t ticket_ = 0, request_id_ = 0;
   wire::StageRequest staged_;
   std::optional<Swaps> swaps_;
 };
@@ -133,6 +132,16 @@ TEST_F(SwapsTest, ALawThatTookTheSpineAlongIsCertifiedAsCommitted) {
   EXPECT_EQ(std::string(std::istreambuf_iterator<char>(text), {}), kRestLaw);
   fs::remove(swaps_->source_of("rest"));
   EXPECT_EQ(swaps_->source_of("rest"), "") << "no file is named that is not there";
+}
+
+TEST_F(SwapsTest, TheTextOfALawThatRanStaysWhenOlderOnesGo) {
+  swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, RecordBook(dir_, 1), kFirst,
+                 robot::RobotConfig{});
+  ask();
+  commits(7, 500);
+  for (int i = 0; i < 2; ++i) submit({"bad.cpp", "this is no law"});
+  wait_for_answers(3);
+  EXPECT_TRUE(swaps_->source_of(7) == dir_ / "0001.cpp" && !fs::exists(dir_ / "0002.cpp"));
 }
 
 TEST_F(SwapsTest, OneWhoseCommitEventWasLostIsSeenByItsTelemetryAndTheTickIsMarkedAsAGuess) {

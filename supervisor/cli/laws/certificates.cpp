@@ -107,7 +107,12 @@ int law_show(const Context& context, const std::string& which, const std::string
   if (source) {
     const fs::path path = fs::path(page).replace_extension(".cpp");
     const auto text = read_regular_file(path.string(), control::kMaxRecordBytes);
-    if (!text) throw Refusal{"no_source", fmt::format("cannot read {}", path.string()), "lithe law show has its name"};
+    if (!text) {
+      throw Refusal{"no_source",
+                    fmt::format("cannot read {}: the texts of the newest {} swaps are kept, and of laws that ran",
+                                path.string(), control::RecordBook::kMostTexts),
+                    "lithe law show has its name and hash"};
+    }
     return finish(context, {{"source", *text}}, [&text](const Json&) {
       fmt::print("{}", ::isatty(STDOUT_FILENO) == 1 ? printable(*text, true) : *text);
     });

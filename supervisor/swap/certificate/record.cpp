@@ -158,9 +158,11 @@ Result<> RecordBook::open() {
         fmt::format("cannot create {}: {}; free space there or set LITHE_OUT_DIR", dir_.string(), failure.message())};
   }
   int highest = 0;
-  for (const auto& entry : fs::directory_iterator(dir_, failure))
-    if (entry.path().extension() == ".json")
-      highest = std::max(highest, leading_number<int>(entry.path().stem().string()));
+  for (const auto& entry : fs::directory_iterator(dir_, failure)) {
+    const int number = leading_number<int>(entry.path().stem().string());
+    if (entry.path().extension() == ".json") highest = std::max(highest, number);
+    if (entry.path().extension() == ".cpp" && number > 0) texts_.insert(number);
+  }
   next_ = std::max(highest, used_) + 1;
   return find_end();
 }
@@ -195,10 +197,23 @@ Result<RecordBook::Page> RecordBook::write(const Json& certificate, const std::s
     std::error_code failure;
     fs::rename(*draft, path, failure);
     if (failure) return cannot_write(path);
+    texts_.insert(next_);
   }
   if (const auto written = put(page, certificate); !written) return written.error();
   used_ = next_++;
   return page;
+}
+
+void RecordBook::drop_old_texts(const std::set<fs::path>& needed) {
+  std::size_t old = texts_.size() - std::min(texts_.size(), most_texts_);
+  for (auto each = texts_.begin(); old > 0; --old) {
+    const fs::path path = dir_ / fmt::format("{:04}.cpp", *each);
+    std::error_code failure;
+    if (!needed.contains(path) && (fs::remove(path, failure), !failure))
+      each = texts_.erase(each);
+    else
+      ++each;
+  }
 }
 
 // The numbers continue and the chain starts anew, because the old chain was removed.

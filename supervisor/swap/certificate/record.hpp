@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The certificates a robot's swaps leave on disk: <dir>/0001.json, 0002.json ... and <dir>/chain.jsonl, which binds
-// them (verify_chain() checks it). Beside each is the text of its law, 0001.cpp, as it was sent; the certificate has
-// its hash.
+// them (verify_chain() checks it). Beside each is the text of its law, 0001.cpp, as it was sent, of the newest and of those that
+// can still be returned to; the certificate has its hash.
 //
 // A certificate goes on changing while its law lives (committed, measured, confirmed, rolled back, retired), so the
 // chain contains writings, not files. Each writing adds a line to chain.jsonl:
@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -31,7 +32,10 @@ std::filesystem::path records_of(const std::string& robot);
 // Contract: one thread · a file appears complete or not at all · numbers go on where an earlier run stopped.
 class RecordBook {
  public:
-  explicit RecordBook(std::filesystem::path dir) : dir_(std::move(dir)) {}
+  static constexpr std::size_t kMostTexts = 256;
+
+  explicit RecordBook(std::filesystem::path dir, std::size_t most_texts = kMostTexts)
+      : dir_(std::move(dir)), most_texts_(most_texts) {}
 
   struct Page {
     std::filesystem::path path;  // empty: it could not be written
@@ -42,6 +46,8 @@ class RecordBook {
   // Writes a new file, and the law's text beside it unless that is empty. On a full disk it returns an Error; the
   // caller warns and continues.
   Result<Page> write(const Json& certificate, const std::string& source = "");
+  // Removes the texts of laws but for the newest ones and those that are `needed`. Certificates stay, and their chain.
+  void drop_old_texts(const std::set<std::filesystem::path>& needed);
   // Replaces a file of write() atomically.
   Result<> rewrite(const Page& page, const Json& certificate) { return put(page, certificate); }
   const std::filesystem::path& folder() const { return dir_; }
@@ -57,6 +63,8 @@ class RecordBook {
   Result<> add_line(const Page& page, const std::string& text);
 
   std::filesystem::path dir_;
+  std::size_t most_texts_;
+  std::set<int> texts_;       // numbers of certificates with the text of their law
   int next_ = 0;              // 0 = not opened yet
   int used_ = 0;              // the last number given
   std::string last_line_;     // hash of the last line of the chain; empty = there is none

@@ -66,28 +66,6 @@ TEST_F(RecordTest, RewritesTheRecordItHasAndUsesNoNewNumber) {
   EXPECT_EQ(book.write({{"verdict", "submitted"}})->path.filename(), "0002.json");
 }
 
-TEST_F(RecordTest, TheTextOfALawIsBesideItsCertificateAndDisturbsNoChain) {
-  RecordBook book(dir_);
-  const std::string law = "// a law\n";
-  const auto page = book.write({{"law", "pd"}}, law);
-  ASSERT_TRUE(page) << page.message();
-  ASSERT_TRUE(book.rewrite(*page, {{"law", "pd"}, {"verdict", "committed"}}));
-  std::ifstream file(dir_ / "0001.cpp");
-  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(file), {}), law);
-  ASSERT_TRUE(book.write({{"law", "hold"}}));
-  EXPECT_FALSE(fs::exists(dir_ / "0002.cpp"));
-  EXPECT_TRUE(verify_chain(dir_).problems.empty());
-  EXPECT_EQ(RecordBook(dir_).write({{"law", "pd"}})->path.filename(), "0003.json");
-}
-
-TEST_F(RecordTest, AFullDiskForTheTextIsAnErrorToo) {
-  fs::create_directories(dir_);
-  fs::create_symlink("/dev/full", dir_ / "0001.cpp.draft");
-  RecordBook book(dir_);
-  EXPECT_FALSE(book.write({{"law", "pd"}}, "// a law\n"));
-  EXPECT_FALSE(fs::exists(dir_ / "0001.json")) << "it waits for room";
-}
-
 TEST_F(RecordTest, AFullDiskIsAnErrorAndLeavesNoFile) {
   fs::create_directories(dir_);
   fs::create_symlink("/dev/full", dir_ / "0001.json.draft");

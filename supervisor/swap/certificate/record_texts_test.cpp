@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// The texts of laws beside their certificates.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+#include "supervisor/swap/certificate/record.hpp"
+
+namespace lithe::control {
+namespace {
+
+namespace fs = std::filesystem;
+
+class RecordTextsTest : public testing::Test {
+ protected:
+  RecordTextsTest()
+      : dir_(fs::temp_directory_path() / ("lithe-texts-" + std::to_string(::getpid()) + "-" +
+                                          testing::UnitTest::GetInstance()->current_test_info()->name())) {}
+  ~RecordTextsTest() override { fs::remove_all(dir_); }
+  fs::path dir_;
+};
+
+TEST_F(RecordTextsTest, TheTextOfALawIsBesideItsCertificateAndDisturbsNoChain) {
+  RecordBook book(dir_);
+  const std::string law = "// a law\n";
+  const auto page = book.write({{"law", "pd"}}, law);
+  ASSERT_TRUE(page) << page.message();
+  ASSERT_TRUE(book.rewrite(*page, {{"law", "pd"}, {"verdict", "committed"}}));
+  std::ifstream file(dir_ / "0001.cpp");
+  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(file), {}), law);
+  ASSERT_TRUE(book.write({{"law", "hold"}}));
+  EXPECT_FALSE(fs::exists(dir_ / "0002.cpp"));
+  EXPECT_TRUE(verify_chain(dir_).problems.empty());
+  EXPECT_EQ(RecordBook(dir_).write({{"law", "pd"}})->path.filename(), "0003.json");
+}
+
+TEST_F(RecordTextsTest, TheNewestTextsAndThoseThatAreNeededStayAndEveryCertificateDoes) {
+  {
+    RecordBook earlier(dir_, 3);
+    for (int i = 0; i < 4; ++i) ASSERT_TRUE(earlier.write({{"law", "pd"}}, "// a law\n"));
+  }
+  RecordBook book(dir_, 3);
+  ASSERT_TRUE(book.write({{"law", "pd"}}, "// a law\n"));
+  const auto texts = [&] {
+    std::string all;
+    for (const char* name : {"1", "2", "3", "4", "5", "6"})
+      if (fs::exists(dir_ / (std::string("000") + name + ".cpp"))) all += name;
+    return all;
+  };
+  EXPECT_EQ(texts(), "12345") << "of this run and of the one before it";
+  book.drop_old_texts({dir_ / "0001.cpp"});
+  EXPECT_EQ(texts(), "1345") << "one is needed, three are new";
+  ASSERT_TRUE(book.write({{"law", "pd"}}, "// a law\n"));
+  book.drop_old_texts({});
+  EXPECT_EQ(texts(), "456") << "no longer needed";
+  EXPECT_TRUE(verify_chain(dir_).problems.empty());
+  EXPECT_EQ(verify_chain(dir_).certificates, 6U);
+}
+
+TEST_F(RecordTextsTest, AFullDiskForTheTextIsAnErrorToo) {
+  fs::create_directories(dir_);
+  fs::create_symlink("/dev/full", dir_ / "0001.cpp.draft");
+  RecordBook book(dir_);
+  EXPECT_FALSE(book.write({{"law", "pd"}}, "// a law\n"));
+  EXPECT_FALSE(fs::exists(dir_ / "0001.json")) << "it waits for room";
+}
+
+}  // namespace
+}  // namespace lithe::control
