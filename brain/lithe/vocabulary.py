@@ -274,7 +274,7 @@ VERBS = (
     Verb("estop", "At once: the drives damp until `reset`.", Effect.stops, first=True),
     Verb(
         "rollback",
-        "An earlier law runs again, with its state.",
+        "An earlier law runs again, with its state. The answer has the law that it left, and those that are gone.",
         Effect.stops,
         args=(("steps", _integer("how many laws back", minimum=1, maximum=4)),),
         first=True,

@@ -188,9 +188,23 @@ Json Verbs::law_that_runs() const {
   return {{"law", law ? Json(text_of(law->info.name)) : Json(nullptr)}, {"law_id", law ? law->info.law_id : 0}};
 }
 
+// The law that runs after it, the one that it left, and the laws that are gone with that: no rollback leads to them.
 void Verbs::go_back(const ReplyTo& to, std::uint32_t steps) {
-  command(wire::CommandKind::rollback, to, steps, [this](Json json) {
+  const Json left = law_that_runs();
+  Json known = Json::array();
+  for (const wire::LawInfo& law : parts_.spine.laws()) {
+    if (law.law_id > left["law_id"].get<std::uint32_t>()) continue;  // a candidate
+    Json told = {{"law", text_of(law.name)}, {"law_id", law.law_id}};
+    if (const auto text = parts_.swaps.source_of(law.law_id); !text.empty())
+      told["source"] = fmt::format("swaps/{}", text.filename().string());
+    known.insert(known.begin(), std::move(told));
+  }
+  command(wire::CommandKind::rollback, to, steps, [this, left, known](Json json) {
     json.update(law_that_runs());
+    json["left"] = left;
+    json["dropped"] = Json::array();
+    for (const Json& law : known)
+      if (law["law_id"] > json["law_id"]) json["dropped"].push_back(law);
     return json;
   });
 }

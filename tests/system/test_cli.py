@@ -60,7 +60,14 @@ def test_each_law_swaps_in_and_rollback_returns(rig: RobotRig) -> None:
         assert rig.ask("status")["law"] == swap["law"]
     before = rig.ask("status")["law_id"]
     rig.ask("swap", LAWS / "hold.cpp")
-    assert rig.ask("rollback")["law_id"] == before
+    held = rig.ask("status")["law_id"]
+    back = rig.ask("rollback")
+    assert back["law_id"] == before and back["left"] == {"law": "hold", "law_id": held}
+    dropped = back["dropped"]
+    assert [(each["law"], each["law_id"]) for each in dropped] == [("hold", held)]
+    assert (rig.dir / "out" / "arm" / dropped[0]["source"]).read_text() == (LAWS / "hold.cpp").read_text()
+    far = rig.ask("rollback", "2")
+    assert [each["law_id"] for each in far["dropped"]] == [before, before - 1] and far["law_id"] == before - 2
     names = {each["name"] for each in rig.ask("law", "list")["files"]}
     assert {law.stem for law in laws} == names
 
