@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Certificates of swaps: waits for their verdict, and verifies them against their chain (`lithe law verify`)."""
+"""Certificates of swaps: waits for their verdict, and that of parameters; verifies them against their chain (`lithe law verify`)."""
 
 from __future__ import annotations
 
@@ -46,6 +46,31 @@ def with_verdict(robot: Robot, certificate: dict[str, Any], ends: Callable[[], b
         time.sleep(LOOK_S)
         certificate = certificate | _newest(robot, folder, certificate)
     return certificate
+
+
+def params_with_verdict(
+    robot: Robot, answer: dict[str, Any], ends: Callable[[], bool] = lambda: False
+) -> dict[str, Any]:
+    """The answer of set_params once the new values have a verdict: `tried`, as `last_params` of the status.
+
+    Waits at most MOST_WAIT_S, until `ends()`, or until nothing is on probation. `params` is as it is by then. A verdict
+    that is still `taken` comes later, into the certificate of the law.
+    """
+    if "change" not in answer:  # it came through the mailbox, without a supervisor
+        return answer
+    until_s, quiet = time.monotonic() + MOST_WAIT_S, 0
+    tried: dict[str, Any] = {}
+    while True:
+        status = robot.call("status")
+        newest = status["last_params"] or {}
+        if newest.get("change") != answer.get("change"):
+            break  # another change was made meanwhile
+        tried = newest
+        quiet = quiet + 1 if status["probation"]["of"] == "none" else 0
+        if tried["verdict"] not in ("sent", "taken") or quiet > 1 or time.monotonic() > until_s or ends():
+            break
+        time.sleep(LOOK_S)
+    return answer | robot.call("params") | {"tried": tried}
 
 
 def _newest(robot: Robot, folder: Path, certificate: dict[str, Any]) -> dict[str, Any]:

@@ -201,9 +201,14 @@ VERBS = (
     ),
     Verb(
         "set_params",
-        "Changes parameters of the running law, after a trial.",
+        "Changes parameters of the running law, after a trial. With wait, the answer says which of them went back.",
         Effect.moves,
-        args=(("values", _VALUES), ("name", _text("of one parameter")), ("value", _number("its value"))),
+        args=(
+            ("values", _VALUES),
+            ("name", _text("of one parameter")),
+            ("value", _number("its value")),
+            ("wait", {"type": "boolean", "description": "true: answers when their probation is over, in short"}),
+        ),
         first=True,
         commands=("param set",),
     ),

@@ -119,6 +119,7 @@ Json params_of(const wire::LawInfo& law, const wire::Params* live) {
                     {"value", is_live ? live->value[i] : law.param_value[i]},
                     {"min", law.param_min[i]},
                     {"max", law.param_max[i]}});
+    if (is_live && live->value[i] != law.param_value[i]) list.back()["at_commit"] = law.param_value[i];
   }
   return list;
 }
@@ -169,14 +170,15 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
   wire::Telemetry now{};
   const bool any = spine.latest(now);
   const wire::RobotInfo& info = spine.info();
-  const auto law = spine.law(now.law_id);
+  const auto law = spine.running_law();
   const ipc::SpineMemory& memory = spine.memory();
   return {{"robot", text_of(info.robot)},
           {"mode", std::string(to_string(static_cast<wire::Mode>(now.mode)))},
           {"fault", std::string(to_string(static_cast<wire::Fault>(now.fault)))},
           {"recovering", (now.flags & wire::telemetry_flag::kRecovering) != 0},
-          {"law", law ? Json(text_of(law->name)) : Json(nullptr)},
+          {"law", law ? Json(text_of(law->info.name)) : Json(nullptr)},
           {"law_id", now.law_id},
+          {"params", law ? law->values : Json(nullptr)},
           {"probation", probation_json(now.flags)},
           {"rate_hz", info.rate_hz},
           {"tick", now.tick},
@@ -221,6 +223,7 @@ Json resident_json(const SpineLink& spine) {
   wire::Telemetry now{};
   (void)spine.latest(now);
   Json list = Json::array();
+  const auto live = spine.params();
   for (const wire::LawInfo& law : spine.laws()) {
     Json probes = Json::array();
     for (std::uint32_t i = 0; i < std::min<std::uint32_t>(law.probe_count, wire::kNp); ++i)
@@ -229,7 +232,7 @@ Json resident_json(const SpineLink& spine) {
                     {"law_id", law.law_id},
                     {"active", law.law_id == now.law_id},
                     {"slot", law.slot == 0 ? Json(nullptr) : Json(law.slot)},
-                    {"params", params_of(law, nullptr)},
+                    {"params", params_of(law, law.law_id == now.law_id && live ? &*live : nullptr)},
                     {"probes", std::move(probes)}});
   }
   return list;

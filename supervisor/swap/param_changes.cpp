@@ -4,8 +4,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <string_view>
 #include <utility>
 #include <variant>
+#include <vector>
 
 #include "spine/core/time.hpp"
 
@@ -95,7 +97,7 @@ void ParamChanges::set(const Json& values, Callback callback, std::int64_t now_n
     return;
   }
   Change change{next_number_++, *law, values, std::get<wire::Command>(command), std::move(callback)};
-  change.record = {{"asked_ns", now_ns}, {"verdict", "submitted"}, {"values", values}};
+  change.record = {{"change", change.number}, {"asked_ns", now_ns}, {"verdict", "submitted"}, {"values", values}};
   waiting_.push_back(std::move(change));
   if (waiting_.size() == 1) begin();
 }
@@ -181,7 +183,7 @@ void ParamChanges::answered(std::uint64_t number, const Answer& answer) {
     keep(*change, "taken");
   help_.laws.passed_again(change->law.info.request_id, merged(change->law.values, change->values), change->trial);
   Json result = Json::object();
-  for (const char* key : {"trial_ms", "warnings"})
+  for (const char* key : {"change", "trial_ms", "warnings"})
     if (change->record.contains(key)) result[key] = change->record[key];
   help_.log.note(change->law.info.request_id, "params_set", in_words(change->values, change->law.values));
   settle(result);
@@ -219,6 +221,10 @@ void ParamChanges::on_event(const wire::Event& event) {
       return judge_open(event.code, "confirmed", "");
     case EventKind::params_reverted:
       return judge_open(event.code, "reverted", text_of(event.text));
+    case EventKind::law_rolled_back:  // the laws after the one that runs now left with their values
+      for (auto left = past_.upper_bound(event.code); left != past_.end(); ++left)
+        judge_open(left->first, "rolled_back", "with its law: " + text_of(event.text));
+      return;
     case EventKind::law_retired:
       past_.erase(event.code);
       return;
@@ -245,19 +251,26 @@ void ParamChanges::keep(Change& change, const char* verdict) {
 }
 
 // Changes that are in force and whose verdict is still open.
-void ParamChanges::judge_open(std::uint32_t law_id, const char* verdict, const std::string& reason, bool newest_only) {
+void ParamChanges::judge_open(std::uint32_t law_id, const std::string& verdict, const std::string& reason,
+                              bool newest_only) {
   const auto past = past_.find(law_id);
   if (past == past_.end()) return;
-  bool changed = false;
+  std::vector<Json*> judged;
+  Json before = Json::object();  // the first of these changes
   for (auto each = past->second.records.rbegin(); each != past->second.records.rend(); ++each) {
     Json& record = each->second;
-    if ((record["verdict"] != "taken" && record["verdict"] != "unproven") || (changed && newest_only)) continue;
-    changed = true;
+    if ((record["verdict"] != "taken" && record["verdict"] != "unproven") || (!judged.empty() && newest_only)) continue;
+    judged.push_back(&record);
+    before.update(record.value("before", Json::object()));
     record["verdict"] = verdict;
     record.erase("reason");
     if (!reason.empty()) record["reason"] = reason;
+    if (const std::string_view next = next_step(reason); !next.empty()) record["next"] = std::string(next);
   }
-  if (changed) tell(past->second);
+  for (Json* record : judged)
+    if (verdict == "reverted")
+      for (const auto& [name, value] : (*record)["values"].items()) (*record)["went_back_to"][name] = before[name];
+  if (!judged.empty()) tell(past->second);
 }
 
 void ParamChanges::tell(const Past& past) {

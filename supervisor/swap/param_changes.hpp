@@ -53,7 +53,7 @@ class ParamChanges {
   ParamChanges(const Helpers& helpers, SwapTerms robots_terms, Keep keep)
       : help_(helpers), robots_terms_(robots_terms), keep_(std::move(keep)) {}
 
-  // Answers {"trial_ms", "warnings"} once the values are in force. Refused with trial_failed: the old values stay.
+  // Answers {"change" (its number), "trial_ms", "warnings"} once the values are in force. Refused with trial_failed: the old values stay.
   void set(const Json& values, Callback callback, std::int64_t now_ns);
   void on_event(const wire::Event& event);
   void refuse_all(const Refusal& reason);
@@ -85,7 +85,8 @@ class ParamChanges {
   void settle(const Answer& answer);
   void refuse(Change& change, const Refusal& refusal);
   void keep(Change& change, const char* verdict);
-  void judge_open(std::uint32_t law_id, const char* verdict, const std::string& reason, bool newest_only = false);
+  void judge_open(std::uint32_t law_id, const std::string& verdict, const std::string& reason,
+                  bool newest_only = false);
   void tell(const Past& past);
   TrialRequest request_otherwise() const;
 

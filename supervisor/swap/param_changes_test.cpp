@@ -195,12 +195,43 @@ TEST_F(ParamChangesTest, WhatTheSpineOrAPersonTakesBackIsReverted) {
   tell(EventKind::params_reverted, command_.request_id, 0, "oscillating: joint elbow, 31 Hz");
   EXPECT_EQ(kept_[0]["verdict"], "reverted");
   EXPECT_EQ(kept_[0]["reason"], "oscillating: joint elbow, 31 Hz");
+  EXPECT_EQ(kept_[0]["went_back_to"], (Json{{"kp", 2.0}}));
+  EXPECT_EQ(kept_[0]["next"], std::string(next_step("oscillating: joint elbow")));
+  EXPECT_EQ(std::get<Json>(answers_[0])["change"], changes_->last()["change"]) << "by which a client finds it";
+  publish(7);
   set({{"kp", 3.5}});
   wait_for([&] { return reaches_the_spine(); });
   spine_takes_it(3.5);
   tell(EventKind::params_applied, 4711, 2, "as before the last change");
   EXPECT_EQ(kept_[1]["verdict"], "reverted");
   EXPECT_EQ(kept_[1]["reason"], "asked for");
+  EXPECT_EQ(kept_[1]["went_back_to"], (Json{{"kp", 2.0}}));
+}
+
+TEST_F(ParamChangesTest, SeveralUnprovenChangesGoBackToTheValuesBeforeTheFirst) {
+  set({{"kp", 3.0}});
+  wait_for([&] { return reaches_the_spine(); });
+  spine_takes_it(3.0);
+  set({{"kp", 3.5}, {"kd", 0.06}});
+  wait_for([&] { return reaches_the_spine(); });
+  spine_takes_it(3.5, 0.06);
+  tell(EventKind::params_reverted, command_.request_id, 0, "oscillating: joint elbow, 31 Hz");
+  EXPECT_EQ(kept_[0]["went_back_to"], (Json{{"kp", 2.0}}));
+  EXPECT_EQ(kept_[1]["went_back_to"], (Json{{"kp", 2.0}, {"kd", 0.05}}));
+}
+
+TEST_F(ParamChangesTest, ValuesThatLeaveWithTheirLawAreToldSo) {
+  set({{"kp", 3.0}});
+  wait_for([&] { return reaches_the_spine(); });
+  spine_takes_it(3.0);
+  wire::Event event;
+  event.kind = static_cast<std::uint32_t>(EventKind::law_rolled_back);
+  event.code = 6;  // which runs now
+  std::copy_n("overran", 7, event.text.begin());
+  changes_->on_event(event);
+  EXPECT_EQ(kept_[0]["verdict"], "rolled_back");
+  EXPECT_EQ(kept_[0]["reason"], "with its law: overran");
+  EXPECT_FALSE(kept_[0].contains("went_back_to"));
 }
 
 TEST_F(ParamChangesTest, EachIsTriedWithTheValuesThatHoldWhenItsTurnComes) {

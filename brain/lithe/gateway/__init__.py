@@ -41,7 +41,7 @@ from typing import Any
 
 import numpy as np
 
-from ..certificates import with_verdict
+from ..certificates import params_with_verdict, with_verdict
 from ..errors import LitheError, NotRunning, Refused
 from ..robot import Robot
 from ..shm import dtype
@@ -49,7 +49,7 @@ from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
 from . import documents
 from .answers import Encoded, as_json, encode, in_the_words_of_verbs, refusal
-from .brief import brief, brief_detail
+from .brief import brief, brief_detail, brief_params
 from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
 from .lobby import Hello, Lobby
@@ -225,8 +225,10 @@ class Gateway:
                 check_names(known, args)
         if verb in BY_NAME and BY_NAME[verb].effect is Effect.moves:
             self.lease.moves(self._asking.client)
+        wait = verb == "set_params" and own is None and bool(args.pop("wait", False))
         with self.turns.moving() if verb in FIRST else contextlib.nullcontext():
-            return own(args) if own is not None else self.robot.call(verb, **args)
+            result = own(args) if own is not None else self.robot.call(verb, **args)
+        return brief_params(params_with_verdict(self.robot, result, self._wants_more)) if wait else result
 
     # ---- the gateway's own verbs
     def _describe(self, _: dict[str, Any]) -> Any:

@@ -84,8 +84,11 @@ def _parts(certificate: Json) -> Json:
     parts |= {key: certificate[key] for key in FIRST if key in certificate}
     for name in ("error", "rolled_back"):
         said = certificate.get(name) or {}
-        if told := {key: said[key] for key in ("code", "message", "why", "next") if key in said}:
+        if told := {key: said[key] for key in ("code", "message", "why", "law", "next") if key in said}:
             parts[name] = beginning(told, MOST_ERROR_BYTES)
+    changes = certificate.get("param_changes") or []
+    if back := [each for each in changes if each.get("verdict") == "reverted"]:
+        parts["params_reverted"] = beginning(_taken_back(back[-1]), MOST_ERROR_BYTES)
     if control := certificate.get("control"):
         parts |= {key: (control.get("after") or {}).get(key) for key in ("clamped", "missed_ticks")}
         parts |= _joints(control)
@@ -100,6 +103,23 @@ def _parts(certificate: Json) -> Json:
     if shadow := certificate.get("shadow"):
         parts |= {f"shadow_{key}": shadow[key] for key in ("ticks", "most_nm", "rms_nm")}
     return parts
+
+
+def _taken_back(change: Json) -> Json:
+    """Which values of a change of parameters did not stay, which hold again, and why."""
+    words = (("why", "reason"), ("next", "next"), ("went_back_to", "went_back_to"), ("values", "values"))
+    return {name: change[key] for name, key in words if key in change}
+
+
+def brief_params(answer: Json) -> Json:
+    """Less than 1 kB of params_with_verdict(): the verdict, what went back to which values and why, all values now."""
+    tried = answer.get("tried") or {}
+    parts: Json = {"verdict": tried.get("verdict", "taken")} | _taken_back(tried)
+    parts |= {key: answer[key] for key in ("law", "law_id", "via") if key in answer}
+    parts["params"] = {each["name"]: each["value"] for each in answer.get("params") or []}
+    parts |= {key: answer[key] for key in ("warnings", "trial_ms") if answer.get(key)}
+    told: Json = beginning(parts, MOST_BYTES - 1) or {}
+    return told
 
 
 def brief(certificate: Json) -> Json:

@@ -172,6 +172,8 @@ class Server:
             )
         if verb.name == "swap":
             args = {"brief": True, "wait": True, **args}  # a model reads it all
+        if verb.name == "set_params":
+            args = {"wait": True, **args}
         if verb.name == "set_reference" and args.get("stay"):  # not beyond this server: it watches the permission
             args = {**args, "stay": False, "client_stale_s": STAY_S}
         try:

@@ -10,7 +10,7 @@ from typing import Any
 import lithe
 import pytest
 from lithe.gateway import Gateway, documents
-from lithe.gateway.brief import MOST_BYTES, brief, brief_detail
+from lithe.gateway.brief import MOST_BYTES, brief, brief_detail, brief_params
 from lithe.remote import Remote
 from system.robot_rig import ROOT, RobotRig
 
@@ -49,6 +49,37 @@ def test_a_short_answer_says_why_a_law_was_rolled_back_and_what_next(remote: Rem
     assert errors["new"] > errors["old"], told
     row = json.loads(remote.call("document", name="swaps")["text"])[-1]
     assert row == told, "the document of all swaps says the same"
+
+
+def test_set_params_says_what_went_back_to_which_values_and_why_and_what_holds_now(remote: Remote) -> None:
+    def parameter() -> Any:
+        (active,) = [each for each in remote.call("law_list")["resident"] if each["active"]]
+        return active["params"][0]
+
+    remote.call("set_reference", **SINE)
+    assert remote.call("swap", source=PD, name="pd.cpp", probation_s=0)["verdict"] == "committed"
+    told = remote.call("set_params", values={"kp_nm_rad": 0.0}, wait=True)
+    assert told["verdict"] == "reverted" and len(json.dumps(told)) < MOST_BYTES, told
+    assert told["values"] == {"kp_nm_rad": 0.0} and told["went_back_to"] == {"kp_nm_rad": 4.0}
+    assert told["why"].startswith("tracking_lost: joint shoulder") and told["next"], told
+    assert told["params"]["kp_nm_rad"] == remote.call("status")["params"]["kp_nm_rad"] == 4.0
+    assert "at_commit" not in parameter()
+    kept = remote.call("set_params", values={"kp_nm_rad": 5.0}, wait=True)
+    assert kept["verdict"] in KEPT and "went_back_to" not in kept and kept["params"]["kp_nm_rad"] == 5.0, kept
+    assert remote.call("status")["params"]["kp_nm_rad"] == 5.0
+    assert (parameter()["name"], parameter()["value"], parameter()["at_commit"]) == ("kp_nm_rad", 5.0, 4.0)
+    at_once = remote.call("set_params", values={"kp_nm_rad": 4.5})
+    assert at_once["params"][0]["value"] == 4.5 and "verdict" not in at_once, "as it was, unless it is asked to wait"
+
+
+def test_a_swap_in_short_has_parameters_that_did_not_stay_and_a_long_list_of_them_is_cut() -> None:
+    back = {"verdict": "reverted", "values": {"kp": 9.0}, "went_back_to": {"kp": 4.0}, "reason": "oscillating: joint hip"}
+    told = brief({"verdict": "confirmed", "param_changes": [{"verdict": "refused"}, back, {"verdict": "confirmed"}]})
+    assert told["params_reverted"] == {"values": {"kp": 9.0}, "went_back_to": {"kp": 4.0}, "why": back["reason"]}
+    many = {f"a_parameter_with_a_long_name_{n}": 1 / 3 for n in range(32)}
+    listed = [{"name": name, "value": value} for name, value in many.items()]
+    short = brief_params({"params": listed, "tried": back | {"values": many, "went_back_to": many}})
+    assert short["verdict"] == "reverted" and short["why"] and len(json.dumps(short)) < MOST_BYTES, short
 
 
 def test_a_swap_that_waits_for_its_verdict_keeps_no_stop_and_no_other_client_waiting(
