@@ -5,6 +5,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <iterator>
 #include <utility>
 
@@ -39,6 +40,38 @@ bool tells_next(wire::EventKind kind) {
                                         wire::EventKind::law_faulted,     wire::EventKind::safe_stop,
                                         wire::EventKind::group_stopped,   wire::EventKind::memory_damaged};
   return std::ranges::find(kKinds, kind) != std::end(kKinds);
+}
+
+// "joint wrist: 19.3 rad/s" -> wrist. Names may begin alike, so the longest counts; empty: there is none.
+std::string joint_in(std::string_view text, const wire::RobotInfo& info) {
+  std::string longest;
+  for (std::size_t j = 0; j < std::min<std::size_t>(info.joint_count, wire::kNj); ++j) {
+    const std::string name = joint_name(info, j), words = "joint " + name;
+    const std::size_t at = text.find(words), end = at + words.size();
+    const bool whole = at != std::string_view::npos && (end == text.size() || text.find_first_of(":, ", end) == end);
+    if (whole && name.size() > longest.size()) longest = name;
+  }
+  return longest;
+}
+
+// What the sentence of a stop or a fault has: "velocity_limit at joint wrist: 19.3 rad/s, allowed 18.8" gives joint, value
+// and limit, "allowed -2.5 to 2.5" the limit that was passed. Nothing from numbers that may have been cut off.
+void put_facts(std::string_view text, const wire::RobotInfo& info, Json& out) {
+  constexpr std::string_view kAllowed = ", allowed ", kDigits = "0123456789", kNumber = "0123456789.-", kTo = " to ";
+  if (const std::string joint = joint_in(text, info); !joint.empty()) out["joint"] = joint;
+  const std::size_t allowed = text.find(kAllowed);
+  if (allowed == std::string_view::npos || text.size() + 1 >= sizeof(wire::Event::text)) return;
+  const std::string_view before = text.substr(0, allowed);
+  const std::size_t last = before.find_last_of(kDigits);
+  if (last == std::string_view::npos) return;
+  const std::size_t first = before.find_last_not_of(kNumber, last) + 1;  // 0 where there is no other letter
+  const double value = std::strtod(std::string(before.substr(first)).c_str(), nullptr);
+  const std::string limits(text.substr(allowed + kAllowed.size()));
+  char* rest = nullptr;
+  double limit = std::strtod(limits.c_str(), &rest);
+  if (std::string_view(rest).starts_with(kTo) && value > limit) limit = std::strtod(rest + kTo.size(), nullptr);
+  out["value"] = value;
+  out["limit"] = limit;
 }
 
 }  // namespace
@@ -106,6 +139,7 @@ Json event_json(const wire::Event& event, const SpineLink& spine) {
     if (plan && plan->plan_id == event.request_id) more = beyond_limits(*plan, reason, spine.info());
   }
   const std::string text = out["text"];
+  if (tells_next(kind)) put_facts(text, spine.info(), out);
   if (const std::string_view next = next_step(text); tells_next(kind) && !next.empty()) out["next"] = std::string(next);
   if (!more.empty()) out["text"] = text.empty() ? more : text + "; " + more;
   return out;

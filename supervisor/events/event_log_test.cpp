@@ -86,6 +86,27 @@ TEST_F(EventJsonTest, AStopAndALawsFaultAreToldWithWhatToDo) {
   EXPECT_EQ(next_of(wire::EventKind::armed, "velocity_limit"), "");
 }
 
+TEST_F(EventJsonTest, AStopHasJointValueAndLimitAsFields) {
+  const auto told = [&](std::string_view why) {
+    wire::Event event = event_of(wire::EventKind::safe_stop);
+    std::copy(why.begin(), why.end(), event.text.begin());
+    const Json all = event_json(event, *link_);
+    return Json{all.value("joint", Json()), all["value"], all.value("limit", Json())};
+  };
+  EXPECT_EQ(told("velocity_limit at joint hip: 19.3 rad/s, allowed 18.8"), (Json{"hip", 19.3, 18.8}));
+  EXPECT_EQ(told("velocity_limit at joint hip, group leg: -19.3 rad/s, allowed 18.8"), (Json{"hip", -19.3, 18.8}));
+  EXPECT_EQ(told("position_limit at joint hip: 2.613 rad, allowed -2.520 to 2.500"), (Json{"hip", 2.613, 2.5}));
+  EXPECT_EQ(told("position_limit at joint hip: -2.613 rad, allowed -2.520 to 2.500"), (Json{"hip", -2.613, -2.52}));
+  EXPECT_EQ(told("sample_stale: 3 ticks in a row without a new sample, allowed 2"), (Json{nullptr, 3.0, 2.0}));
+  EXPECT_EQ(told("oscillating: joint hip, 31 Hz, swings of 20.00, allowed 1.50 rad/s"), (Json{"hip", 20.0, 1.5}));
+  EXPECT_EQ(told("guard_busy: joint hip clamped in 80.1 % of ticks, allowed 80: wants 12.000 N m of 0.600"),
+            (Json{"hip", 80.1, 80.0}));
+  EXPECT_EQ(told("drive_lost at joint hip"), (Json{"hip", 0.0, nullptr}));
+  EXPECT_EQ(told("not_finite: joint hippo, torque_nm"), (Json{nullptr, 0.0, nullptr})) << "no joint of this robot";
+  const std::string cut = "velocity_limit at joint hip, group " + std::string(37, 'g') + ": 19.3 rad/s, allowed 1";
+  EXPECT_EQ(told(cut), (Json{"hip", 0.0, nullptr})) << "the limit may have had more digits";
+}
+
 TEST_F(EventJsonTest, ARefusedPlanNamesItsJointUntilANewerOneIsThere) {
   wire::Event event =
       event_of(wire::EventKind::plan_refused, static_cast<std::uint32_t>(wire::PlanReject::position_limit));
