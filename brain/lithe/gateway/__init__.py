@@ -54,7 +54,7 @@ from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
 from .lobby import Hello, Lobby
 from .measure import measured
-from .parts import parts_of
+from .parts import parts_of, simulation_of
 from .past import Past
 from .peer import AWAY_S, Peer, Peers
 from .references import References
@@ -236,7 +236,8 @@ class Gateway:
             raise NotRunning(f"robot '{self.robot.name}' has ended, or was started again")
         info = self.robot.spine.info
         names, sensors = self.robot.spine.joint_names, self.robot.spine.sensor_names
-        drives, kinds = parts_of(Path(_text(info["config_path"])))
+        robot_file = Path(_text(info["config_path"]))
+        drives, kinds = parts_of(robot_file)
         groups = np.array(info["joint_group"]).reshape(-1)
         limits = ("position_min_rad", "position_max_rad", "velocity_max_rad_s", "torque_max_nm", "torque_slew_nm_s")
         return {
@@ -253,6 +254,7 @@ class Gateway:
             ],
             "sensors": sensors,
             "sensor_kinds": {name: kinds.get(name) for name in sensors},
+            "simulation": simulation_of(robot_file),
             "documents": [each["name"] for each in documents.listed()],
             "verbs": [each.described() for each in VERBS],
             "application_verbs": sorted(name for name, one in self.verbs.items() if one is not self._ours.get(name)),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the robot file says of drives and sensors, for agents that have nothing but the gateway."""
+"""What the robot file says of drives, sensors and the simulation, for agents that have nothing but the gateway."""
 
 from __future__ import annotations
 
@@ -9,22 +9,51 @@ from typing import Any
 
 from ..files import read_regular
 
+Table = dict[str, Any]
+WRONG = (OSError, ValueError, KeyError, TypeError, AttributeError)  # the file is gone, or another one by now
+DEFAULTS = "document plants: what each key means, and its value where it is not given here"
 
-def parts_of(robot_file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+
+def _devices(config: Table) -> Table:
+    usual = config.get("defaults", {}).get("device", {})
+    return {own["name"]: {**usual, **own} for own in config.get("device", [])}
+
+
+def parts_of(robot_file: Path) -> tuple[Table, Table]:
     """Of each joint its `device`, that one's `kind` and `bus`; of each sensor `kind` and `device`.
 
     Both are empty when the file is no longer there, or another one than the robot was started with.
     """
     try:
         config = tomllib.loads(read_regular(robot_file))
-        usual = config.get("defaults", {}).get("device", {})
-        devices = {own["name"]: {**usual, **own} for own in config.get("device", [])}
+        devices = _devices(config)
         drives = {}
         for joint in config["joint"]:
             device = devices.get(joint.get("device"), {})
             drives[joint["name"]] = {key: device.get(name) for key, name in
                                      (("device", "name"), ("kind", "kind"), ("bus", "bus"))}  # fmt: skip
         sensors = {one["name"]: {key: one.get(key) for key in ("kind", "device")} for one in config.get("sensor", [])}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except WRONG:
         return {}, {}
     return drives, sensors
+
+
+def simulation_of(robot_file: Path) -> Table | None:
+    """What the file states of simulated joints, word by word: `plant`, `buses`, and the keys of each joint's sim.
+
+    None: no bus is simulated by the Spine, or the file is gone.
+    """
+    try:
+        config = tomllib.loads(read_regular(robot_file))
+        buses = {bus["name"]: bus for bus in config["bus"] if bus["kind"] == "loop"}
+        devices = _devices(config)
+        usual = config.get("defaults", {}).get("joint", {}).get("sim", {})
+        joints = {joint["name"]: {**usual, **joint.get("sim", {})} for joint in config["joint"]
+                  if devices[joint["device"]]["bus"] in buses}  # fmt: skip
+        rates = {name: {key: bus[key] for key in ("bitrate", "data_bitrate") if key in bus}
+                 for name, bus in buses.items()}  # fmt: skip
+        plant = {"kind": "independent", **config.get("plant", {})}
+    except WRONG:
+        return None
+    told = {"source": "simulated", "plant": plant, "buses": rates, "joints": joints, "defaults": DEFAULTS}
+    return told if joints else None

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from lithe.gateway import Gateway, encode
 from lithe.gateway.client import MOST_REQUEST_BYTES
-from lithe.gateway.parts import parts_of
+from lithe.gateway.parts import parts_of, simulation_of
 from lithe.gateway.token import write_token
 from lithe.remote import Remote
 from system.robot_rig import ROOT, RobotRig
@@ -213,7 +213,10 @@ def test_describe_tells_what_an_agent_must_know(remote: Remote) -> None:
     assert about["joints"][0]["name"] == "shoulder" and about["joints"][0]["torque_max_nm"] == 0.6
     (joint,) = about["joints"]
     assert joint["group"] == "" and joint["drive"] == {"device": "shoulder_drive", "kind": "moteus", "bus": "can0"}
-    assert {"contract", "rules", "mistakes", "swapping", "faults", "laws/pd.cpp"} <= set(about["documents"])
+    assert {"contract", "rules", "mistakes", "swapping", "faults", "plants", "laws/pd.cpp"} <= set(about["documents"])
+    simulated = about["simulation"]
+    assert simulated["source"] == "simulated" and simulated["joints"]["shoulder"]["inertia_kg_m2"] > 0, simulated
+    assert simulated["joints"]["shoulder"]["torque_lag_s"] == 0.001 and set(simulated["buses"]) == {"can0"}
 
 
 def test_a_robot_file_that_is_gone_or_another_one_takes_nothing_else_away(tmp_path: Path) -> None:
@@ -224,6 +227,23 @@ def test_a_robot_file_that_is_gone_or_another_one_takes_nothing_else_away(tmp_pa
     for text in ("joint = 3", "device = 3\n[[joint]]\nname = 'x'", "not toml"):
         (tmp_path / "bad.toml").write_text(text)
         assert parts_of(tmp_path / "bad.toml") == ({}, {})
+
+
+def test_the_simulation_is_told_as_the_robot_file_states_it_and_nothing_more(tmp_path: Path) -> None:
+    chain = simulation_of(ROOT / "robots/chain.toml")
+    assert chain is not None and chain["plant"] == {"kind": "chain", "gravity_m_s2": 9.81}
+    friction = {"rotor_inertia_kg_m2": 2.0e-3, "viscous_nm_s_rad": 2.0e-2, "coulomb_nm": 0.03}
+    assert chain["joints"]["wrist"] == {**friction, "length_m": 0.12, "mass_kg": 0.08}
+    mixed = simulation_of(ROOT / "robots/frankenstein.toml")
+    assert mixed is not None and mixed["buses"]["can2"] == {"bitrate": 1_000_000, "data_bitrate": 0}
+    assert mixed["joints"]["hand"]["bus_delay_s"] == 0.00025 and mixed["joints"]["hand"]["coulomb_nm"] == 0.01
+    real = tmp_path / "real.toml"
+    text = (ROOT / "robots/frankenstein.toml").read_text()
+    real.write_text(text.replace('name = "can2"\nkind = "loop"', 'name = "can2"\nkind = "slcan"\npath = "/dev/x"'))
+    partly = simulation_of(real)
+    assert partly is not None and set(mixed["joints"]) - set(partly["joints"]) == {"column", "boom"}
+    real.write_text(text.replace('kind = "loop"', 'kind = "slcan"'))
+    assert simulation_of(real) is None and simulation_of(tmp_path / "gone.toml") is None
 
 
 def test_events_without_a_cursor_are_the_newest(remote: Remote) -> None:
