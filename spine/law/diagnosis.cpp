@@ -27,6 +27,7 @@ constexpr double kOffRad = 0.02;                  // an error worth a word
 constexpr double kSteadyShare = 0.85;             // the mean of a steady error is nearly its root mean square
 constexpr double kLittleDamping = 0.05;           // damping ratio
 constexpr double kAtLimit = 0.1, kAgainst = 0.2;  // shares of ticks
+constexpr double kQuarter = 0.25;                 // of a gain that is too high: a margin of 4 where it just swung
 
 std::size_t place(std::size_t a, std::size_t b) {
   const std::size_t low = std::min(a, b), high = std::max(a, b);
@@ -100,6 +101,28 @@ __attribute__((format(printf, 2, 3))) Diagnosis told(Diagnosis::Kind kind, const
   return diagnosis;
 }
 
+// How fast it swings: as was found, else from the speed that belongs to its error.
+double swing_rad_s(const JointSums& sums, const JointSeen& seen) {
+  if (seen.swing_hz > 0) return 2 * std::numbers::pi * seen.swing_hz;
+  const double error = covariance(sums, kSetpoint, kSetpoint) - 2 * covariance(sums, kSetpoint, kPosition) +
+                       covariance(sums, kPosition, kPosition);
+  return error > 0 ? std::sqrt(covariance(sums, kVelocity, kVelocity) / error) : 0;
+}
+
+// "lower the stiffness to about 50 and the damping to about 0.25 first". Of two gains that push alike at that frequency both
+// are lowered; half of the damping belongs to a quarter of the stiffness, unless the damping pushes more.
+std::array<char, 96> lower(double stiffness, double damping, double w_rad_s) {
+  std::array<char, 96> text{};
+  const bool damps_more = damping * w_rad_s > stiffness;
+  if (stiffness > 0 && damping > 0)
+    std::snprintf(text.data(), text.size(), "lower the stiffness to about %.3g and the damping to about %.3g first",
+                  kQuarter * stiffness, (damps_more ? kQuarter : 2 * kQuarter) * damping);
+  else
+    std::snprintf(text.data(), text.size(), "lower the %s to about %.3g first", stiffness > 0 ? "stiffness" : "damping",
+                  kQuarter * std::max(stiffness, damping));
+  return text;
+}
+
 // Of a law whose torque is explained by its inputs.
 Diagnosis from_gains(const Gains& gains, const JointSums& sums, const JointSeen& seen) {
   using Kind = Diagnosis::Kind;
@@ -130,24 +153,24 @@ Diagnosis from_gains(const Gains& gains, const JointSums& sums, const JointSeen&
                 "angles are in rad",
                 seen.joint, stiffness, value);
   }
-  if (seen.swing_hz > 0 && of_position) {
-    const double w_rad_s = 2 * std::numbers::pi * seen.swing_hz;
-    if (0.5 * damping * w_rad_s / stiffness < kLittleDamping) {
+  const double w_rad_s = swing_rad_s(sums, seen);
+  const auto lower_them = lower(of_position ? stiffness : 0, of_velocity ? damping : 0, w_rad_s);
+  if (seen.swing_hz > 0 && (of_position || of_velocity)) {
+    if (of_position && 0.5 * damping * w_rad_s / stiffness < kLittleDamping) {
       return told(Kind::no_damping,
                   "joint %s: measured stiffness %.3g N m/rad, damping %.2g N m s/rad: too little damping for its swing "
                   "of %.1f Hz: add - gain * velocity, with a gain of about %.2g",
                   seen.joint, stiffness, damping, seen.swing_hz, stiffness / w_rad_s);
     }
     return told(Kind::gain_too_high,
-                "joint %s: measured stiffness %.3g N m/rad, damping %.2g N m s/rad, and it swings at %.1f Hz: lower "
-                "the stiffness to a quarter first",
-                seen.joint, stiffness, damping, seen.swing_hz);
+                "joint %s: measured stiffness %.3g N m/rad, damping %.2g N m s/rad, and it swings at %.1f Hz: %s",
+                seen.joint, stiffness, damping, seen.swing_hz, lower_them.data());
   }
   if (of_position && sums.at_limit > kAtLimit * sums.ticks) {
     return told(Kind::gain_too_high,
-                "joint %s: measured stiffness %.3g N m/rad: an error of %.2g rad asks for all of its %.3g N m: lower "
-                "the gain",
-                seen.joint, stiffness, seen.torque_max_nm / stiffness, seen.torque_max_nm);
+                "joint %s: measured stiffness %.3g N m/rad, damping %.2g N m s/rad: an error of %.2g rad asks for all "
+                "of its %.3g N m: %s",
+                seen.joint, stiffness, damping, seen.torque_max_nm / stiffness, seen.torque_max_nm, lower_them.data());
   }
   return {};
 }
@@ -191,9 +214,11 @@ Diagnosis diagnose(const JointSums& sums, const JointSeen& seen) {
   const double limited = static_cast<double>(sums.at_limit) / sums.ticks;
   if (!gains && limited > kAtLimit && sums.at_limit_unwinding > kAgainst * sums.at_limit) {
     return told(Kind::wind_up,
-                "joint %s: in %.0f %% of ticks it wanted all of its torque, and in %.0f %% of these the error was on "
-                "the other side already: an integral that winds up; bound it, and stop it at the torque limit",
-                seen.joint, 100 * limited, 100.0 * sums.at_limit_unwinding / sums.at_limit);
+                "joint %s: in %.0f %% of ticks it wanted all of its torque, in %.0f %% of these with the error on the "
+                "other side already: an integral that winds up; bound it, and stop it at the torque limit: begin with "
+                "a tenth of its gain, and at most %.3g N m of it",
+                seen.joint, 100 * limited, 100.0 * sums.at_limit_unwinding / sums.at_limit,
+                kQuarter * seen.torque_max_nm);
   }
   const double pushed_nm = mean(sums, kTorque);
   const bool steady = std::abs(off_rad) >= kOffRad && std::abs(off_rad) >= kSteadyShare * rms_rad;
