@@ -229,7 +229,8 @@ void LawLifecycle::tell_fault(Life& life, Json fault) {
 }
 
 void LawLifecycle::locate(Life& life, const wire::LawFault& fault) {
-  if (!locate_ || fault.pc_offset == 0) return;  // not in the law's own code
+  const bool is_nan = fault.kind == static_cast<std::uint32_t>(wire::LawFaultKind::not_finite);
+  if (!locate_ || (fault.pc_offset == 0 && !is_nan)) return;  // not in the law's own code
   life.asked = true;
   const std::uint64_t id = life.swap.request_id();
   locate_(life.swap, fault.pc_offset, [this, id](const Json& place) {

@@ -330,9 +330,17 @@ TEST_F(LawLifecycleTest, TheLineOfAFaultIsToldWhenItIsKnownAlsoOfALawThatIsGoneB
   EXPECT_TRUE(kept_.empty()) << "it is gone";
 }
 
-TEST_F(LawLifecycleTest, AFaultOutsideTheLawsCodeOrWithoutAnAnswerKeepsWhatIsKnown) {
+TEST_F(LawLifecycleTest, TheLineOfAnOutputThatIsNotFiniteIsAskedForWithoutAnAddress) {
   commit(1);
   fault(1, 7, wire::LawFaultKind::not_finite, 25);
+  ASSERT_EQ(asked_, std::vector<std::uint32_t>{0});
+  answers_.front()({{"where", "x.cpp:9"}, {"function", "Law::step"}});
+  EXPECT_EQ(kept_[101]["fault"]["where"], "x.cpp:9");
+}
+
+TEST_F(LawLifecycleTest, AFaultOutsideTheLawsCodeOrWithoutAnAnswerKeepsWhatIsKnown) {
+  commit(1);
+  fault(1, 7, wire::LawFaultKind::bad_access, 25);
   EXPECT_TRUE(asked_.empty());
   pc_offset_ = 5;
   fault(1, 7, wire::LawFaultKind::overran, 26);

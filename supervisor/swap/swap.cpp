@@ -19,6 +19,17 @@ constexpr std::int64_t kStageNs = 10'000'000'000;
 constexpr std::int64_t kCommitNs = 5'000'000'000;  // plus twice the time in the shadow: ticks may be lost
 
 constexpr Stage kInTheSpine[] = {Stage::staged, Stage::shadow, Stage::committed};
+// The report in a refusal of the trial; an empty object when there is none.
+Json report_in(const Refusal& refusal) {
+  return refusal.detail.is_object() ? refusal.detail.value("trial", Json::object()) : Json::object();
+}
+
+// Where in the code it failed [bytes]; 0 = not known.
+std::uint64_t offset_in(const Json& report) {
+  const auto found = report.find("pc_offset");
+  return found != report.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
+}
+
 constexpr const char* kSkipped = "skipped: the gates are open";
 
 // Once the Loader has the law it cannot be cancelled: it may still be committed.
@@ -240,9 +251,7 @@ std::variant<std::string, Refusal> Swaps::tried(Transaction& swap, const Answer&
 // The source line of a crash in the trial, as for a crash in the Spine; null when there was none.
 Sequence::Reply<Json> Swaps::line_of_crash(const Transaction& swap, const Refusal& refusal) {
   const auto box = box_for<Json>();
-  const Json trial = refusal.detail.is_object() ? refusal.detail.value("trial", Json::object()) : Json::object();
-  const auto found = trial.find("pc_offset");
-  const auto offset = found != trial.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
+  const std::uint64_t offset = offset_in(report_in(refusal));
   if (offset == 0) {
     *box = Json();
   } else {
@@ -252,6 +261,20 @@ Sequence::Reply<Json> Swaps::line_of_crash(const Transaction& swap, const Refusa
     });
   }
   return reply<Json>(box, swap, "trying", help_.lawd.limit_ns());
+}
+
+// A NaN in the Spine has no address: the tick only sees the output. The trial repeats the law, from a fresh State, on what
+// the robot has just recorded, and stops at the operation that makes a NaN there; null when that makes none.
+void Swaps::find_line_of_nan(const Transaction& swap, LawLifecycle::Found found) {
+  const auto again = help_.trial != nullptr ? tried_laws_.again(swap.request_id()) : std::nullopt;
+  if (!again) return found(nullptr);
+  const auto take = [this, swap, found = std::move(found)](const Answer& answer) {
+    const auto* refusal = std::get_if<Refusal>(&answer);
+    const Json report = refusal != nullptr ? report_in(*refusal) : Json::object();
+    if (report.value("section", "") != "replay" || offset_in(report) == 0) return found(nullptr);
+    find_line(swap, offset_in(report), false, found);
+  };
+  help_.trial->attempt(*again, take, monotonic_ns());
 }
 
 // Sends the law to the Loader.

@@ -244,6 +244,7 @@ void Swaps::locate(const Transaction& swap, std::uint32_t offset, LawLifecycle::
     }
     found(place);
   };
+  if (offset == 0) return find_line_of_nan(swap, tell);
   find_line(swap, offset, true, tell);
 }
 

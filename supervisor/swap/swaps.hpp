@@ -119,6 +119,7 @@ class Swaps {
   TrialRequest request_of(const Transaction& swap) const;
   std::variant<std::string, Refusal> tried(Transaction& swap, const Answer& answer);
   Sequence::Reply<Json> line_of_crash(const Transaction& swap, const Refusal& refusal);
+  void find_line_of_nan(const Transaction& swap, LawLifecycle::Found found);
   std::optional<Refusal> stage(Transaction& swap);
   Sequence::Until spine_reaches(Stage stage, const Transaction& swap);
   void mark_heard(Transaction& swap) const;

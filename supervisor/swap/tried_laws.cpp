@@ -77,6 +77,15 @@ std::optional<TrialRequest> TriedLaws::request_of(const RunningLaw& law, const T
   return request.object.empty() ? std::nullopt : std::optional(request);
 }
 
+std::optional<TrialRequest> TriedLaws::again(std::uint64_t request_id) const {
+  const auto known = laws_.find(request_id);
+  if (known == laws_.end()) return std::nullopt;
+  TrialRequest request = known->second.request;
+  request.placed = {};
+  request.params = known->second.runs.back().values;
+  return request;
+}
+
 std::vector<std::string> TriedLaws::worse_than(const RunningLaw& law, const Json& trial) const {
   const auto known = laws_.find(law.info.request_id);
   if (known == laws_.end()) return {};

@@ -41,6 +41,8 @@ class TriedLaws {
 
   // The request to try the running law again. A law committed under an earlier supervisor is taken from the law cache.
   std::optional<TrialRequest> request_of(const RunningLaw& law, const TrialRequest& otherwise) const;
+  // The request to try a law again with the values that passed last, as a shared object: its slot may have been reused.
+  std::optional<TrialRequest> again(std::uint64_t request_id) const;
   // worse_joints() of this trial against the trial of the running law with its present values; empty when that one is
   // unknown.
   std::vector<std::string> worse_than(const RunningLaw& law, const Json& trial) const;

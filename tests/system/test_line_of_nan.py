@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A law that returns NaN on the live robot is told its line: the trial repeats it on what was recorded."""
+
+import platform
+
+import pytest
+from system.robot_rig import RobotRig
+from system.swapping import becomes
+
+# Fine until tick `late_after`; then 0 / 0.
+LATE = """#include <lithe/law.hpp>
+struct Late {
+  struct Params {
+    lithe::Param late_after{1e9, 0, 1e12};
+  };
+  struct State {};
+  static void step(const lithe::Tick& t, const Params& p, State&, lithe::Effort& u) {
+    const double left = std::max(0.0, p.late_after - static_cast<double>(t.tick));
+    const double share = left / left;
+    u.torque_nm[0] = share * (t.setpoint_position_rad[0] - t.position_rad[0]) - 0.03 * t.velocity_rad_s[0];
+  }
+};
+LITHE_LAW(Late, "late");
+"""
+LINE = 1 + LATE.splitlines().index("    const double share = left / left;")
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="the trial stops at an invalid operation on x86-64 only")
+def test_the_line_that_made_a_nan_on_the_live_robot_is_found(arm: RobotRig) -> None:
+    """In the event, the status and the certificate; the law before it runs."""
+    path = arm.dir / "late.cpp"
+    path.write_text(LATE)
+    late_after = arm.ask("status")["tick"] + 8000
+    done = arm.ask("swap", path, "--param", f"late_after={late_after}")
+    told = becomes(arm, done["request_id"], lambda each: "where" in each.get("fault", {}))
+    assert told["fault"]["kind"] == "not_finite" and told["fault"]["where"] == f"late.cpp:{LINE}"
+    assert told["fault"]["tick"] >= late_after
+    (located,) = [each for each in arm.ask("events")["events"] if each["kind"] == "law_fault_located"]
+    assert f"late at late.cpp:{LINE}" in located["text"]
+    assert arm.ask("status")["law_faults"][-1]["where"] == f"late.cpp:{LINE}" and arm.ask("status")["law"] == "pd"
