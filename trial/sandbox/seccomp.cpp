@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <seccomp.h>
 #include <signal.h>
+#include <sys/file.h>
 #include <sys/prctl.h>
 
 #include <cerrno>
@@ -43,6 +44,11 @@ class Filter {
   // Only with one of these values as its first argument.
   void allow_on(const char* call, std::initializer_list<int> firsts) {
     for (const int first : firsts) allow_if(call, {{0, SCMP_CMP_EQ, static_cast<std::uint32_t>(first), 0}});
+  }
+
+  // Only with this value as its second argument.
+  void allow_second(const char* call, int second) {
+    allow_if(call, {{1, SCMP_CMP_EQ, static_cast<std::uint32_t>(second), 0}});
   }
 
   // Only to read what is there.
@@ -101,6 +107,8 @@ Result<> allow_trials_only() {
   filter.allow_open_to_read();
   filter.allow_on("clone", {CLONE_CHILD_SETTID | CLONE_CHILD_CLEARTID | SIGCHLD});  // fork(), and no thread
   filter.allow_on("prctl", {kSyscallUserDispatch, PR_SET_PDEATHSIG, PR_SET_NO_NEW_PRIVS, PR_SET_DUMPABLE});
+  // A child asks whether the robot runs before it reads its telemetry (ipc::Lease::is_held).
+  filter.allow_second("flock", LOCK_SH | LOCK_NB);
   filter.allow_less();
   return filter.install();
 }
