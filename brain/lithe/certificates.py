@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Certificates of swaps: waits for their verdict, and that of parameters; verifies them against their chain (`lithe law verify`)."""
+"""Certificates of swaps: waits for their verdict (and that of parameters); verifies the chain (`lithe law verify`)."""
 
 from __future__ import annotations
 

@@ -92,8 +92,8 @@ _WAYPOINTS: Schema = {
 VERBS = (
     Verb(
         "describe",
-        "The robot: rate, joints with limits and drives, sensors, what is simulated (inertia, friction, delay), documents, "
-        "time now, every verb with its arguments.",
+        "The robot: rate, joints with limits and drives, sensors, what is simulated (inertia, friction, delay), "
+        "documents, time now, every verb with its arguments.",
     ),
     Verb("ping", "The supervisor's process id."),
     Verb(

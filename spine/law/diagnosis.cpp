@@ -109,8 +109,8 @@ double swing_rad_s(const JointSums& sums, const JointSeen& seen) {
   return error > 0 ? std::sqrt(covariance(sums, kVelocity, kVelocity) / error) : 0;
 }
 
-// "lower the stiffness to about 50 and the damping to about 0.25 first". Of two gains that push alike at that frequency both
-// are lowered; half of the damping belongs to a quarter of the stiffness, unless the damping pushes more.
+// "lower the stiffness to about 50 and the damping to about 0.25 first". Of two gains that push alike at that frequency
+// both are lowered; half of the damping belongs to a quarter of the stiffness, unless the damping pushes more.
 std::array<char, 96> lower(double stiffness, double damping, double w_rad_s) {
   std::array<char, 96> text{};
   const bool damps_more = damping * w_rad_s > stiffness;

@@ -53,7 +53,8 @@ class ParamChanges {
   ParamChanges(const Helpers& helpers, SwapTerms robots_terms, Keep keep)
       : help_(helpers), robots_terms_(robots_terms), keep_(std::move(keep)) {}
 
-  // Answers {"change" (its number), "trial_ms", "warnings"} once the values are in force. Refused with trial_failed: the old values stay.
+  // Answers {"change" (its number), "trial_ms", "warnings"} once the values are in force. Refused with
+  // trial_failed: the old values stay.
   void set(const Json& values, Callback callback, std::int64_t now_ns);
   void on_event(const wire::Event& event);
   void refuse_all(const Refusal& reason);

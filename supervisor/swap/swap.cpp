@@ -263,8 +263,8 @@ Sequence::Reply<Json> Swaps::line_of_crash(const Transaction& swap, const Refusa
   return reply<Json>(box, swap, "trying", help_.lawd.limit_ns());
 }
 
-// A NaN in the Spine has no address: the tick only sees the output. The trial repeats the law, from a fresh State, on what
-// the robot has just recorded, and stops at the operation that makes a NaN there; null when that makes none.
+// A NaN in the Spine has no address: the tick only sees the output. The trial repeats the law, from a fresh State, on
+// what the robot has just recorded, and stops at the operation that makes a NaN there; null when that makes none.
 void Swaps::find_line_of_nan(const Transaction& swap, LawLifecycle::Found found) {
   const auto again = help_.trial != nullptr ? tried_laws_.again(swap.request_id()) : std::nullopt;
   if (!again) return found(nullptr);

@@ -161,9 +161,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, dict
     trial = Talk(BIN / "lithe-trial", robot, cache=folder)
     try:
         told = {mistake["name"]: bring(source_of(mistake), lawd, trial) for mistake in MISTAKES}
-        better = {
-            f"{name}, as told": bring(as_told(words_of(told[name]))[name], lawd, trial) for name in as_told("")
-        }
+        better = {f"{name}, as told": bring(as_told(words_of(told[name]))[name], lawd, trial) for name in as_told("")}
         yield told | better | {"": bring(BASE, lawd, trial)}
     finally:
         lawd.close()

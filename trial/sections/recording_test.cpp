@@ -10,7 +10,6 @@
 
 #include "spine/ipc/layout.hpp"
 #include "spine/ipc/segment.hpp"
-#include "trial/sandbox/sandbox.hpp"
 
 namespace lithe::trial {
 namespace {
@@ -85,17 +84,6 @@ TEST_F(RecordingTest, AnotherRobotOrNoneGivesNoRecords) {
   lease_ = ipc::Lease();
   EXPECT_EQ(Recording(robot_, 2, 1e-3, 2.0).size(), 0u) << "no_torque runs it";
 }
-
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-TEST_F(RecordingTest, ATrialReadsItBehindItsFilterOfSystemCalls) {
-  run(1, 100);
-  const auto behind_it = [this] {
-    if (!allow_trials_only()) _exit(2);
-    _exit(Recording(robot_, 2, 1e-3, 2.0).size() == 99 ? 0 : 1);
-  };
-  EXPECT_EXIT(behind_it(), testing::ExitedWithCode(0), "");
-}
-#endif
 
 TEST(RecordingWithoutASpine, PastIsARobotThatMovesSlowly) {
   const auto past = Recording().past(50, 2, 1e-3);

@@ -28,7 +28,7 @@ FIXED = {
     "swapping": (MARKDOWN, "the steps of a swap, its terms, probation, and the way back", ROOT / "docs/swap.md"),
     "verbs": (MARKDOWN, "every verb and every code of a refusal", ROOT / "docs/reference/verbs.md"),
     "telemetry": (MARKDOWN, "every field with its unit", ROOT / "docs/reference/wire.md"),
-    "plants": (MARKDOWN, "what a simulated robot contains, its delays and model errors", ROOT / "docs/reference/plants.md"),
+    "plants": (MARKDOWN, "what a simulated robot contains: delays, model errors", ROOT / "docs/reference/plants.md"),
     "faults": (MARKDOWN, "each fault, what it means and what leads back", ROOT / "docs/reference/faults.md"),
 }
 

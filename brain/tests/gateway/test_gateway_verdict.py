@@ -73,9 +73,10 @@ def test_set_params_says_what_went_back_to_which_values_and_why_and_what_holds_n
 
 
 def test_a_swap_in_short_has_parameters_that_did_not_stay_and_a_long_list_of_them_is_cut() -> None:
-    back = {"verdict": "reverted", "values": {"kp": 9.0}, "went_back_to": {"kp": 4.0}, "reason": "oscillating: joint hip"}
+    reason = "oscillating: joint hip"
+    back = {"verdict": "reverted", "values": {"kp": 9.0}, "went_back_to": {"kp": 4.0}, "reason": reason}
     told = brief({"verdict": "confirmed", "param_changes": [{"verdict": "refused"}, back, {"verdict": "confirmed"}]})
-    assert told["params_reverted"] == {"values": {"kp": 9.0}, "went_back_to": {"kp": 4.0}, "why": back["reason"]}
+    assert told["params_reverted"] == {"values": {"kp": 9.0}, "went_back_to": {"kp": 4.0}, "why": reason}
     many = {f"a_parameter_with_a_long_name_{n}": 1 / 3 for n in range(32)}
     listed = [{"name": name, "value": value} for name, value in many.items()]
     short = brief_params({"params": listed, "tried": back | {"values": many, "went_back_to": many}})

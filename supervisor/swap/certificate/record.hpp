@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The certificates a robot's swaps leave on disk: <dir>/0001.json, 0002.json ... and <dir>/chain.jsonl, which binds
-// them (verify_chain() checks it). Beside each is the text of its law, 0001.cpp, as it was sent, of the newest and of those that
-// can still be returned to; the certificate has its hash.
+// them (verify_chain() checks it). Beside each is the text of its law, 0001.cpp, as it was sent, of the newest and of
+// those that can still be returned to; the certificate has its hash.
 //
 // A certificate goes on changing while its law lives (committed, measured, confirmed, rolled back, retired), so the
 // chain contains writings, not files. Each writing adds a line to chain.jsonl:
