@@ -25,7 +25,8 @@ class LawLifecycle {
   // Called when a certificate has changed.
   using Keep = std::function<void(const Transaction&, const RecordBook::Page&)>;
   // Finds the source line of a law fault at this offset from the start of its slot [bytes]; 0: an output was not
-  // finite, so there is no address. Answers at any time with {"where", "function"}, or null when the line cannot be found.
+  // finite, so there is no address. Answers at any time with {"where", "function"}, or null when the line cannot be
+  // found.
   using Found = std::function<void(const Json& place)>;
   using Locate = std::function<void(const Transaction& swap, std::uint32_t offset, Found found)>;
   // What the measured control says about a law that was rolled back, one sentence.
