@@ -10,12 +10,15 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from .errors import LitheError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _NEXT = "next: lithe incident list names those that are there"
 
@@ -37,23 +40,21 @@ def load(path: str | Path) -> tuple[dict[str, Any], npt.NDArray[Any]]:
     return summary, records
 
 
-def plot(path: str | Path, out: str | Path | None = None) -> Path:
-    """Draws position, setpoint and torque of each joint around the moment; returns the picture's path."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+def figure(path: str | Path, most_joints: int = 32) -> Figure:
+    """Position, setpoint and torque around the moment, of the joints with the largest errors."""
+    from matplotlib.figure import Figure
 
     summary, records = load(path)
-    picture = Path(out) if out else Path(path).with_suffix(".png")
     at_s = 1e-9 * (records["release_ns"] - summary["t_ns"])
-    names = [str(joint["name"]) for joint in summary.get("joints", [])]
-    figure, axes = plt.subplots(max(len(names), 1), 2, sharex=True, squeeze=False, figsize=(11, 2.2 * len(names) + 1.4))
-    for j, name in enumerate(names):
-        angle, torque = axes[j]
+    joints = list(enumerate(summary.get("joints", [])))
+    worst = sorted(joints, key=lambda one: -float(one[1].get("largest_error_rad") or 0.0))[:most_joints]
+    drawn = Figure(figsize=(11, 2.2 * len(worst) + 1.4))
+    axes = drawn.subplots(max(len(worst), 1), 2, sharex=True, squeeze=False)
+    for row, (j, joint) in enumerate(sorted(worst, key=lambda one: one[0])):
+        angle, torque = axes[row]
         angle.plot(at_s, np.degrees(records["setpoint_position_rad"][:, j]), label="setpoint", linewidth=1)
         angle.plot(at_s, np.degrees(records["position_rad"][:, j]), label="position", linewidth=1)
-        angle.set_ylabel(f"{name} [deg]".replace("$", r"\$"))
+        angle.set_ylabel(f"{joint['name']} [deg]".replace("$", r"\$"))
         torque.plot(at_s, records["command_torque_nm"][:, j], label="torque, after the guard", linewidth=1)
         torque.set_ylabel("[N m]")
         for axis in (angle, torque):
@@ -61,10 +62,15 @@ def plot(path: str | Path, out: str | Path | None = None) -> Path:
             axis.legend(fontsize="small")
     for axis in axes[-1]:
         axis.set_xlabel("time from the incident [s]")
-    figure.suptitle(str(summary.get("what", ""))[:160].replace("$", r"\$"), fontsize="small")
-    figure.tight_layout()
-    figure.savefig(picture)
-    plt.close(figure)
+    drawn.suptitle(str(summary.get("what", ""))[:160].replace("$", r"\$"), fontsize="small")
+    drawn.tight_layout()
+    return drawn
+
+
+def plot(path: str | Path, out: str | Path | None = None) -> Path:
+    """Draws position, setpoint and torque of each joint around the moment; returns the picture's path."""
+    picture = Path(out) if out else Path(path).with_suffix(".png")
+    figure(path).savefig(picture)
     return picture
 
 

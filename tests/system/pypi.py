@@ -1,14 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Other people's Python packages for a test; without a network it is skipped, and says so."""
+"""Other people's packages for a test; without a network it is skipped, and says so."""
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import pypi
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+Had = TypeVar("Had")
+
+
+def had(install: Callable[[str], Had], requirement: str) -> Had:
+    """What `install` returns."""
+    try:
+        return install(requirement)
+    except pypi.Unavailable as why:
+        pytest.skip(str(why))
 
 
 class Package:
@@ -16,10 +27,7 @@ class Package:
 
     def __init__(self, requirement: str) -> None:
         """Installs it unless it is there."""
-        try:
-            self.folder = pypi.install(requirement)
-        except pypi.Unavailable as why:
-            pytest.skip(str(why))
+        self.folder = had(pypi.install, requirement)
 
     def command(self, *words: str | Path) -> list[str | Path]:
         """A Python command; run it with `env`."""

@@ -87,7 +87,6 @@ COMPUTED = (  # the reason is computed there, and only there
     "booted.py: pytest.skip(reason)",  # the same
     "pypi.py: pytest.skip(str(why))",  # no network
     "test_evolve.py: pytest.skip('Dask is not installed: pip install distributed')",  # 20 packages for one test
-    "test_mcp_http.py: pytest.skip('no MCP client of npm: npm install --prefix build/npm @modelcontextprotocol/sdk')",
     "test_first_day.py: pytest.skip('no zsh here (Debian: apt-get install zsh)')",
     "simulated.py: pytest.skip(rig.log().strip().splitlines()[-1])",  # no MuJoCo
     # A kernel may refuse one to an ordinary user.
@@ -108,7 +107,7 @@ def unexcused(paths: list[Path]) -> list[str]:
 
 
 def test_only_privileges_and_cores_may_skip_a_test() -> None:
-    """Everything else that is missing is a failure, but the network, an emulator, zsh, MuJoCo, Dask and npm."""
+    """Everything else that is missing is a failure, but the network, an emulator, zsh, MuJoCo and Dask."""
     assert unexcused(TESTS) == []
 
 

@@ -17,7 +17,8 @@ from ..control import run_dir
 from ..errors import LitheError
 from ..remote import Remote
 from . import http, permission
-from .server import MOST_LINE_BYTES, Json, Server
+from .protocol import MOST_LINE_BYTES, Json
+from .server import Server
 
 
 class Robot:

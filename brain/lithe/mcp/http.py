@@ -19,7 +19,8 @@ from urllib.parse import urlsplit
 from ..control import run_dir
 from ..errors import LitheError
 from ..gateway.token import write_token
-from .server import MOST_LINE_BYTES, VERSIONS, Json, Server
+from .protocol import MOST_LINE_BYTES, REQUEST, Json, answer, http_status
+from .server import Server
 
 PATH = "/mcp"
 HERE = ("127.0.0.1", "localhost", "::1")
@@ -35,7 +36,7 @@ class Endpoint(ThreadingHTTPServer):
     def __init__(self, server: Server, port: int, token: str = "") -> None:
         self.mcp, self.token = server, token
         self.places = threading.BoundedSemaphore(MOST_CLIENTS)
-        super().__init__(("127.0.0.1", port), _Handler)
+        super().__init__(("127.0.0.1", port), Handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """One connection more, or none: then it is closed at once."""
@@ -55,7 +56,9 @@ class Endpoint(ThreadingHTTPServer):
         """A client that left while it was answered is no news."""
 
 
-class _Handler(BaseHTTPRequestHandler):
+class Handler(BaseHTTPRequestHandler):
+    """One connection of a client."""
+
     server: Endpoint
     protocol_version = "HTTP/1.1"
     timeout = BODY_S
@@ -69,8 +72,9 @@ class _Handler(BaseHTTPRequestHandler):
             return self._say(*wrong)
         body = self.rfile.read(int(self.headers["Content-Length"]))
         answers: queue.SimpleQueue[Json] = queue.SimpleQueue()
-        if self.server.mcp.line(body, answers.put):
-            return self._say(200, answers.get())
+        if self.server.mcp.line(body, answers.put, self.headers.get):
+            told = answers.get()
+            return self._say(http_status(told, self.headers.get), told)
         return self._say(202, None)
 
     def do_GET(self) -> None:
@@ -95,9 +99,6 @@ class _Handler(BaseHTTPRequestHandler):
             )
         if urlsplit(self.path).path != PATH:
             return 404, _words(f"there is {PATH} only")
-        version = self.headers.get("MCP-Protocol-Version")
-        if version is not None and version not in VERSIONS:
-            return 400, _words(f"MCP-Protocol-Version {version!r}: one of {', '.join(VERSIONS)}")
         length = self.headers.get("Content-Length", "")
         if not length.isdecimal() or "Transfer-Encoding" in self.headers:
             return 411, _words("a request has a Content-Length")
@@ -120,7 +121,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _words(message: str) -> Json:
-    return {"jsonrpc": "2.0", "id": None, "error": {"code": -32600, "message": message}}
+    return answer(None, error={"code": REQUEST, "message": message})
 
 
 def serve(server: Server, port: int) -> int:

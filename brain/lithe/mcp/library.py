@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The gateway's documents as resources, and prompts."""
+"""The gateway's documents and the plots as resources, and prompts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-Json = dict[str, Any]
+from ..errors import Refused
+from . import plots
+from .protocol import Json
+
 SCHEME = "lithe://"
 
 PROMPTS = {
@@ -35,24 +38,36 @@ PROMPTS = {
 
 
 def resources(call: Callable[[str, Json], Any]) -> list[Json]:
-    """For resources/list: what the gateway has."""
+    """For resources/list: what the gateway has, and what can be drawn of it."""
+    named = [(each["name"], each["type"], each["what"]) for each in call("documents", {})["documents"]]
+    named += [(name, plots.TYPE, what) for name, what in plots.ALWAYS.items()]
     return [
-        {
-            "uri": SCHEME + each["name"],
-            "name": each["name"].removeprefix("laws/"),
-            "mimeType": each["type"],
-            "description": each["what"],
-        }
-        for each in call("documents", {})["documents"]
+        {"uri": SCHEME + name, "name": name.removeprefix("laws/"), "mimeType": kind, "description": what}
+        for name, kind, what in named
     ]
 
 
-def read(uri: str, call: Callable[[str, Json], Any]) -> tuple[str, str]:
-    """Its type and text. KeyError: there is no such resource."""
+def templates() -> list[Json]:
+    """For resources/templates/list: of one swap or incident."""
+    return [
+        {"uriTemplate": SCHEME + name, "name": name, "mimeType": kind, "description": what}
+        for name, kind, what in (
+            ("swaps/{number}", "application/json", "the whole certificate of a swap; {number} as in lithe://swaps"),
+            ("swaps/{number}.cpp", "text/x-c++src", "the law of that swap"),
+            *((name, plots.TYPE, what) for name, what in plots.OF_ONE.items()),
+        )
+    ]
+
+
+def read(uri: str, call: Callable[[str, Json], Any]) -> Json:
+    """Its mimeType, and its text or blob. Refused: there is no such resource."""
     if not uri.startswith(SCHEME):
-        raise KeyError(uri)
-    found = call("document", {"name": uri.removeprefix(SCHEME)})
-    return str(found["type"]), str(found["text"])
+        raise Refused("unknown_document", f"its scheme is not {SCHEME}")
+    name = uri.removeprefix(SCHEME)
+    if plots.is_one(name):
+        return {"mimeType": plots.TYPE, "blob": plots.drawn(name, call)}
+    found = call("document", {"name": name})
+    return {"mimeType": str(found["type"]), "text": str(found["text"])}
 
 
 def prompts() -> list[Json]:

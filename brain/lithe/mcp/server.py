@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model Context Protocol: JSON-RPC 2.0, one message per line. Tools are the verbs of the gateway.
+"""Model Context Protocol: what each method does. Tools are the verbs of the gateway.
 
-Threads: one reads; each call of a tool has its own, so that a stop never waits for a swap.
+Threads: one reads; each request that asks the robot, or draws, has its own, so that a stop never waits for a swap.
 """
 
 from __future__ import annotations
@@ -17,34 +17,27 @@ from .. import __version__
 from ..control import plain
 from ..errors import LitheError, NotRunning, Refused
 from ..vocabulary import BY_NAME, VERBS, Effect, Verb
-from . import library
+from . import library, plots, protocol
 from .permission import remaining_s
+from .protocol import Header, Json, Wrong
 
-Json = dict[str, Any]
-VERSIONS = ("2025-06-18", "2025-03-26", "2024-11-05")  # the newest first
 Send = Callable[[Json], None]  # takes one answer; from any thread
-MOST_LINE_BYTES = 1 << 20
 MOST_CALLS = 16  # at a time
 MOST_STOPS = 16  # at a time, beside them; an e-stop is not counted
 LOOK_S = 0.25  # at the permission, while a reference runs
 STAY_S = 3600.0  # a reference that is to stay: as long as this server lives, and so long without a word
 MOST_ANSWER_BYTES = 64 << 10  # of one tool: a model reads it all
 WHOLE = "the document swaps has every certificate in short; the whole file is on the robot's computer"
-PARSE, REQUEST, METHOD, PARAMS = -32700, -32600, -32601, -32602
+ROBOT = ("tools/call", "resources/list", "resources/read")  # methods that ask it
+CAPABILITIES: Json = {"tools": {}, "resources": {}, "prompts": {}}
+INFO = {"name": "lithe", "version": __version__}
 INSTRUCTIONS = (
     "A robot whose control law you can try and replace while it moves. Begin with `describe` and `status`; read the "
     "resource lithe://contract before you write a law. `law_check` costs nothing. A refusal says what to change. The "
-    "answer of `swap` has the verdict of its probation, and old law beside new. `set_reference` moves the joints. "
+    "answer of `swap` has the verdict of its probation, and old law beside new; `document` with name plots/laws.png "
+    "shows all of them, plots/recent.png the last minute. `set_reference` moves the joints. "
     "Tools that can move the robot need a person's permission; hold, disarm, estop, rollback, revert_params never do."
 )
-
-
-class Wrong(Exception):
-    """An error of the protocol: code and sentence."""
-
-    def __init__(self, code: int, message: str) -> None:
-        super().__init__(message)
-        self.code = code
 
 
 def tool(verb: Verb) -> Json:
@@ -64,11 +57,6 @@ def too_long(text: str) -> str:
     return f"the answer has {len(text)} bytes, of at most {MOST_ANSWER_BYTES}"
 
 
-def answer(send: Send, name: Any, **what: Json) -> None:
-    """The result or the error of the request with this id."""
-    send({"jsonrpc": "2.0", "id": name, **what})
-
-
 class Server:
     """`call(verb, args)` reaches the robot; moving verbs need the file `permission`."""
 
@@ -81,89 +69,108 @@ class Server:
         self._running: set[threading.Thread] = set()
         self._methods: dict[str, Callable[[Json], Json]] = {
             "initialize": self._initialize,
+            "server/discover": self._discover,
             "ping": lambda _: {},
-            "tools/list": lambda _: {"tools": [tool(each) for each in VERBS]},
-            "resources/list": lambda _: {"resources": library.resources(self._call)},
-            "resources/templates/list": lambda _: {"resourceTemplates": []},
+            "tools/list": _one_page(lambda: {"tools": [tool(each) for each in VERBS]}),
+            "tools/call": self._tool,
+            "resources/list": _one_page(lambda: {"resources": library.resources(self._call)}),
+            "resources/templates/list": _one_page(lambda: {"resourceTemplates": library.templates()}),
             "resources/read": self._read,
-            "prompts/list": lambda _: {"prompts": library.prompts()},
+            "prompts/list": _one_page(lambda: {"prompts": library.prompts()}),
             "prompts/get": self._prompt,
         }
 
-    def line(self, line: bytes, send: Send) -> bool:
+    def line(self, line: bytes, send: Send, header: Header | None = None) -> bool:
         """Handles one message. Whether an answer is due: it goes to `send`, perhaps later and from another thread."""
-        name: Any = None
+        name: str | int | None = None
         try:
-            if len(line) > MOST_LINE_BYTES:
-                raise Wrong(REQUEST, f"a message has at most {MOST_LINE_BYTES} bytes")
-            try:
-                message = json.loads(line)
-            except (ValueError, RecursionError) as error:
-                raise Wrong(PARSE, f"not one line of JSON: {error}") from None
-            if not isinstance(message, dict) or message.get("jsonrpc") != "2.0":
-                raise Wrong(REQUEST, 'a message is one object with "jsonrpc": "2.0"')
-            if "method" not in message:
-                return False  # an answer; nothing was asked
-            name, method, params = message.get("id"), message["method"], message.get("params", {})
-            if "id" not in message:
-                return False  # a notification
-            if not isinstance(params, dict) or not isinstance(method, str) or not isinstance(name, str | int):
-                raise Wrong(REQUEST, "id is a string or an integer, method a string, params an object")
-            if method == "tools/call":
-                self._start_tool(name, params, send)
-                return True
+            message = protocol.parsed(line)
+            if "method" not in message or "id" not in message:
+                return False  # an answer, though nothing was asked; a notification
+            method, params = message["method"], message.get("params", {})
+            if not isinstance(message["id"], str | int):
+                raise Wrong(protocol.REQUEST, "id is a string or an integer")
+            name = message["id"]
+            if not isinstance(params, dict) or not isinstance(method, str):
+                raise Wrong(protocol.REQUEST, "method is a string, params an object")
+            stateless = protocol.is_stateless(method, params, header)
             if method not in self._methods:
-                raise Wrong(METHOD, f"there is no method '{method}'")
-            answer(send, name, result=self._methods[method](params))
+                raise Wrong(protocol.METHOD, f"there is no method '{method}'")
+
+            def work() -> Json:
+                result = self._methods[method](params)
+                return protocol.complete(method, result) if stateless else result
+
+            self._start(method, params, name, work, send)
         except Wrong as error:
-            answer(send, name, error={"code": error.code, "message": str(error)})
+            send(protocol.answer(name, error=error.told()))
         return True
 
     def finish(self) -> None:
-        """Waits for the calls that still run. A reference ends with the connection to the gateway."""
+        """Waits for the requests that are still being handled. A reference ends with the connection to the gateway."""
         for thread in list(self._running):
             thread.join()
         self._since_ns = 0
 
+    def _start(self, method: str, params: Json, name: str | int, work: Callable[[], Json], send: Send) -> None:
+        """Answers; in a thread where the robot is asked, as far as there is a place. An e-stop always has one."""
+        verb = BY_NAME.get(str(params.get("name"))) if method == "tools/call" else None
+        stops = verb is not None and verb.effect is Effect.stops
+        places = self._free_for_stops if stops else self._free
+        if verb is not None and verb.name == "estop":
+            places = threading.BoundedSemaphore(1)
+        if method not in ROBOT:
+            return self._answer(name, work, send)
+        if not places.acquire(blocking=False):
+            many = f"{MOST_STOPS} stops" if stops else f"{MOST_CALLS} requests"
+            busy = f"busy: {many} are being handled\nnext: wait for one"
+            return self._answer(name, lambda: said(busy, True) if verb else _fail(protocol.INTERNAL, busy), send)
+
+        def run() -> None:
+            try:
+                self._answer(name, work, send)
+            finally:
+                places.release()
+                self._running.discard(thread)
+
+        thread = threading.Thread(target=run, name=f"lithe-mcp-{verb.name if verb else method}")
+        self._running.add(thread)
+        return thread.start()
+
+    def _answer(self, name: str | int, work: Callable[[], Json], send: Send) -> None:
+        try:
+            result = work()
+        except Wrong as error:
+            return send(protocol.answer(name, error=error.told()))
+        except Exception as error:  # a damaged file of the robot, say, must not leave a client without an answer
+            words = str(error) if isinstance(error, LitheError) else f"{type(error).__name__}: {error}"
+            return send(protocol.answer(name, error={"code": protocol.INTERNAL, "message": words}))
+        return send(protocol.answer(name, result=result))
+
     def _initialize(self, params: Json) -> Json:
         asked = params.get("protocolVersion")
         return {
-            "protocolVersion": asked if asked in VERSIONS else VERSIONS[0],
-            "capabilities": {"tools": {}, "resources": {}, "prompts": {}},
-            "serverInfo": {"name": "lithe", "version": __version__},
+            "protocolVersion": asked if asked in protocol.HANDSHAKE else protocol.HANDSHAKE[0],
+            "capabilities": CAPABILITIES,
+            "serverInfo": INFO,
             "instructions": INSTRUCTIONS,
         }
 
+    def _discover(self, _: Json) -> Json:
+        return {
+            "supportedVersions": protocol.VERSIONS,
+            "capabilities": CAPABILITIES,
+            "instructions": INSTRUCTIONS,
+            "_meta": {protocol.META + "serverInfo": INFO},
+        }
+
     # ---- tools
-    def _start_tool(self, name: str | int, params: Json, send: Send) -> None:
+    def _tool(self, params: Json) -> Json:
         verb, args = BY_NAME.get(str(params.get("name"))), params.get("arguments") or {}
         if verb is None:
-            raise Wrong(PARAMS, f"there is no tool '{params.get('name')}': see tools/list")
+            raise Wrong(protocol.PARAMS, f"there is no tool '{params.get('name')}': see tools/list")
         if not isinstance(args, dict):
-            raise Wrong(PARAMS, "arguments is an object")
-        places = self._free_for_stops if verb.effect is Effect.stops else self._free
-        if verb.name == "estop":  # always has a place
-            places = threading.BoundedSemaphore(1)
-        if not places.acquire(blocking=False):
-            many = f"{MOST_STOPS} stops" if verb.effect is Effect.stops else f"{MOST_CALLS} calls"
-            answer(send, name, result=said(f"busy: {many} run already\nnext: wait for one", True))
-            return
-        thread = threading.Thread(
-            target=self._run_tool, args=(name, verb, args, places, send), name=f"lithe-mcp-{verb.name}"
-        )
-        self._running.add(thread)
-        thread.start()
-
-    def _run_tool(
-        self, name: str | int, verb: Verb, args: Json, places: threading.BoundedSemaphore, send: Send
-    ) -> None:
-        try:
-            answer(send, name, result=self._tool(verb, args))
-        finally:
-            places.release()
-            self._running.discard(threading.current_thread())
-
-    def _tool(self, verb: Verb, args: Json) -> Json:
+            raise Wrong(protocol.PARAMS, "arguments is an object")
         if verb.effect is Effect.moves and not remaining_s(self._permission):
             return said(
                 f"no_permission: '{verb.name}' can move the robot, and no person has permitted that, or time is over\n"
@@ -177,6 +184,9 @@ class Server:
         if verb.name == "set_reference" and args.get("stay"):  # not beyond this server: it watches the permission
             args = {**args, "stay": False, "client_stale_s": STAY_S}
         try:
+            if verb.name == "document" and plots.is_one(args.get("name")):
+                picture = plots.drawn(args["name"], self._call)
+                return {"content": [{"type": "image", "data": picture, "mimeType": plots.TYPE}], "isError": False}
             result = self._call(verb.name, args)
             if verb.name == "set_reference" and "since_ns" in result:
                 self._ends_with_the_permission(result)
@@ -216,15 +226,33 @@ class Server:
     def _read(self, params: Json) -> Json:
         uri = str(params.get("uri"))
         try:
-            mime, text = library.read(uri, self._call)
-        except (KeyError, OSError, LitheError) as error:
-            raise Wrong(PARAMS, f"cannot read '{uri}': {error}; resources/list has all") from None
+            found = library.read(uri, self._call)
+        except NotRunning:
+            raise
+        except LitheError as error:
+            raise Wrong(protocol.PARAMS, f"cannot read '{uri}': {error}; resources/list has all", uri=uri) from None
+        text = found.get("text", "")
         if len(text) > MOST_ANSWER_BYTES:
-            raise Wrong(PARAMS, f"cannot read '{uri}': {too_long(text)}; {WHOLE}")
-        return {"contents": [{"uri": uri, "mimeType": mime, "text": text}]}
+            raise Wrong(protocol.PARAMS, f"cannot read '{uri}': {too_long(text)}; {WHOLE}", uri=uri)
+        return {"contents": [{"uri": uri, **found}]}
 
     def _prompt(self, params: Json) -> Json:
         try:
             return library.prompt(str(params.get("name")), params.get("arguments") or {})
         except KeyError as error:
-            raise Wrong(PARAMS, f"there is no prompt {error}; prompts/list has all") from None
+            raise Wrong(protocol.PARAMS, f"there is no prompt {error}; prompts/list has all") from None
+
+
+def _fail(code: int, message: str) -> Json:
+    raise Wrong(code, message)
+
+
+def _one_page(make: Callable[[], Json]) -> Callable[[Json], Json]:
+    """A list that is never cut into pages, so that no cursor is ours."""
+
+    def page(params: Json) -> Json:
+        if params.get("cursor") is not None:
+            raise Wrong(protocol.PARAMS, "there is one page only: ask without cursor")
+        return make()
+
+    return page

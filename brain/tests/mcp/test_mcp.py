@@ -17,7 +17,8 @@ from lithe.errors import NotRunning, Refused
 from lithe.gateway import Gateway, documents
 from lithe.gateway.token import write_token
 from lithe.mcp import permission
-from lithe.mcp.server import MOST_ANSWER_BYTES, MOST_CALLS, MOST_LINE_BYTES, MOST_STOPS, VERSIONS, Server
+from lithe.mcp.protocol import HANDSHAKE, META, MOST_LINE_BYTES, STATELESS, VERSIONS
+from lithe.mcp.server import MOST_ANSWER_BYTES, MOST_CALLS, MOST_STOPS, Server
 from lithe.remote import Remote
 from lithe.vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
 from system.robot_rig import ROOT, RobotRig
@@ -69,7 +70,8 @@ def text(result: Json) -> str:
 
 
 @pytest.mark.parametrize(
-    ("asked", "given"), [(VERSIONS[2], VERSIONS[2]), ("1999-01-01", VERSIONS[0]), (7, VERSIONS[0])]
+    ("asked", "given"),
+    [(HANDSHAKE[2], HANDSHAKE[2]), ("1999-01-01", HANDSHAKE[0]), (STATELESS, HANDSHAKE[0]), (7, HANDSHAKE[0])],
 )
 def test_both_sides_agree_on_a_version(fake: Fake, asked: Any, given: str) -> None:
     told = fake.send("initialize", {"protocolVersion": asked, "capabilities": {}})["result"]
@@ -78,6 +80,31 @@ def test_both_sides_agree_on_a_version(fake: Fake, asked: Any, given: str) -> No
     fake.line(b'{"jsonrpc": "2.0", "method": "notifications/initialized"}')
     assert len(fake.answers) == 1, "a notification gets no answer"
     assert fake.send("ping", name="a")["id"] == "a"
+
+
+def test_a_client_without_a_handshake_is_told_the_same(fake: Fake) -> None:
+    meta = {META + "protocolVersion": STATELESS, META + "clientCapabilities": {}}
+    told = fake.send("server/discover", {"_meta": meta})["result"]
+    assert told["supportedVersions"] == VERSIONS and set(told["capabilities"]) == {"tools", "resources", "prompts"}
+    assert told["_meta"][META + "serverInfo"]["name"] == "lithe" and "`describe`" in told["instructions"]
+    listed = fake.send("tools/list", {"_meta": meta})["result"]
+    assert listed == fake.send("tools/list")["result"] | {"resultType": "complete", "ttlMs": 0, "cacheScope": "private"}
+    assert fake.send("server/discover")["error"]["message"].startswith("params._meta lacks io.modelcontextprotocol")
+
+
+def test_a_robot_that_does_not_run_is_an_answer_and_the_server_lives(fake: Fake) -> None:
+    fake.server._call = lambda *_: (_ for _ in ()).throw(NotRunning("no gateway at 127.0.0.1:7423"))
+    for method, params in (("resources/list", {}), ("resources/read", {"uri": "lithe://contract"})):
+        told = fake.send(method, params)["error"]
+        assert (told["code"], told["message"]) == (-32603, "no gateway at 127.0.0.1:7423")
+    assert fake.send("ping")["result"] == {}
+
+
+@pytest.mark.parametrize("method", ["tools/list", "resources/list", "resources/templates/list", "prompts/list"])
+def test_there_is_one_page(fake: Fake, method: str) -> None:
+    (key,) = set(fake.send(method)["result"])
+    assert key.endswith("s"), "and no nextCursor"
+    assert fake.send(method, {"cursor": "2"})["error"]["code"] == -32602
 
 
 @pytest.mark.parametrize(
@@ -102,6 +129,7 @@ def test_both_sides_agree_on_a_version(fake: Fake, asked: Any, given: str) -> No
 def test_a_bad_message_gets_an_error_and_reaches_no_robot(fake: Fake, line: bytes, code: int) -> None:
     fake.line(line)
     assert fake.answers[-1]["error"]["code"] == code and fake.answers[-1]["error"]["message"]
+    assert isinstance(fake.answers[-1].get("id", 0), int), "its own, or none"
     assert [verb for verb, _ in fake.asked if verb != "document"] == [], "the gateway refuses an unknown document"
     assert fake.send("ping")["result"] == {}, "the next message is handled"
 
@@ -211,7 +239,7 @@ def test_contract_rules_laws_and_swaps_can_be_read(fake: Fake, tmp_path: Path) -
     (tmp_path / "0001.json").write_text('{"law": "pd", "verdict": "confirmed", "toolchain": {}}')
     (tmp_path / "0002.json").write_text("{")
     fake.result = {"records": str(tmp_path)}
-    for uri in uris:
+    for uri in (each for each in uris if not each.endswith(".png")):
         one = fake.send("resources/read", {"uri": uri})["result"]["contents"][0]
         assert one["uri"] == uri and one["text"]
     swaps = json.loads(fake.send("resources/read", {"uri": "lithe://swaps"})["result"]["contents"][0]["text"])

@@ -1,28 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MCP over HTTP: what is served, to whom, and what is refused; and npm's client over both ways."""
+"""MCP over HTTP: what is served, to whom, and what is refused."""
 
 import http.client
 import json
-import os
-import re
-import shutil
 import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import lithe
 import pytest
-from lithe.gateway import Gateway
-from lithe.gateway.token import write_token
 from lithe.mcp.http import MOST_CLIENTS, Endpoint
-from lithe.mcp.server import MOST_LINE_BYTES, Server
-from lithe.vocabulary import BY_NAME
-from system.robot_rig import ROOT
+from lithe.mcp.protocol import HANDSHAKE, META, MOST_LINE_BYTES, STATELESS, VERSIONS
+from lithe.mcp.server import Server
 
 Json = dict[str, Any]
 PING = json.dumps({"jsonrpc": "2.0", "id": 7, "method": "ping"}).encode()
@@ -69,6 +60,7 @@ def test_a_message_is_answered_and_a_notification_is_taken(endpoint: Endpoint) -
         (403, {"Origin": "http://evil.example"}),
         (403, {"Host": "evil.example"}),
         (400, {"MCP_Protocol_Version": "1999-01-01"}),
+        (400, {"MCP_Protocol_Version": STATELESS}),
         (404, {"path": "/"}),
         (405, {"method": "GET"}),
         (405, {"method": "DELETE"}),
@@ -81,6 +73,38 @@ def test_what_is_wrong_is_named_and_refused(endpoint: Endpoint, status: int, ask
     got, answer = ask(endpoint, **asked)
     assert got == status and answer["error"]["message"], answer
     assert ask(endpoint)[0] == 200, "and the next client is served"
+
+
+def stateless(method: str = "tools/list", version: str = STATELESS, **params: Any) -> bytes:
+    """A request without a handshake."""
+    meta = {META + "protocolVersion": version, META + "clientCapabilities": {}}
+    return json.dumps({"jsonrpc": "2.0", "id": 1, "method": method, "params": {"_meta": meta, **params}}).encode()
+
+
+@pytest.mark.parametrize(
+    ("status", "code", "asked"),
+    [
+        (200, None, {"body": stateless()}),
+        (200, None, {"body": stateless("server/discover"), "Mcp_Method": "server/discover"}),
+        (200, None, {"body": stateless(), "Mcp_Method": "=?base64?dG9vbHMvbGlzdA==?="}),
+        (400, -32020, {"body": stateless(), "Mcp_Method": "=?base64?dG9vbHMvb!!!=?="}),
+        (400, -32020, {"body": stateless(), "Mcp_Method": "TOOLS/LIST"}),
+        (400, -32020, {"body": stateless(), "MCP_Protocol_Version": HANDSHAKE[0]}),
+        (400, -32020, {"body": stateless("tools/call", name="status"), "Mcp_Method": "tools/call", "Mcp_Name": "arm"}),
+        (400, -32022, {"body": stateless(version="v999"), "MCP_Protocol_Version": "v999"}),
+        (400, -32602, {"body": PING}),
+        (404, -32601, {"body": stateless("ping"), "Mcp_Method": "ping"}),
+    ],
+)
+def test_a_client_without_a_handshake_names_version_and_method(
+    endpoint: Endpoint, status: int, code: int | None, asked: dict[str, Any]
+) -> None:
+    got, answer = ask(endpoint, **{"MCP_Protocol_Version": STATELESS, "Mcp_Method": "tools/list", **asked})
+    assert (got, answer.get("error", {}).get("code")) == (status, code), answer
+    if code is None:
+        assert answer["result"]["resultType"] == "complete" and answer["result"]["ttlMs"] == 0
+    if code == -32022:
+        assert answer["error"]["data"] == {"supported": list(VERSIONS), "requested": "v999"}
 
 
 def test_a_page_of_this_computer_may_ask(endpoint: Endpoint) -> None:
@@ -102,59 +126,3 @@ def test_clients_that_say_nothing_take_no_more_than_their_places(endpoint: Endpo
             continue
     else:
         pytest.fail("the places were not given back")
-
-
-def words(*more: str) -> tuple[list[str], dict[str, str]]:
-    """The command of the server, and its environment."""
-    return [sys.executable, "-m", "lithe.mcp", *more], os.environ | {"PYTHONPATH": str(ROOT / "brain")}
-
-
-def npm_client(way: Json, calls: list[tuple[str, Json]]) -> Json:
-    """What npm's client saw. It is not installed by tools/setup: 100 packages for one test."""
-    folder = ROOT / "build/npm"
-    if not (folder / "node_modules/@modelcontextprotocol/sdk").exists() or shutil.which("node") is None:
-        pytest.skip("no MCP client of npm: npm install --prefix build/npm @modelcontextprotocol/sdk")
-    script = folder / "client.mjs"
-    shutil.copy(ROOT / "tests/npm/client.mjs", script)
-    done = subprocess.run(
-        ["node", script, json.dumps(way), json.dumps(calls)], capture_output=True, text=True, timeout=300, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    said: Json = json.loads(done.stdout)
-    return said
-
-
-@pytest.mark.parametrize("over", ["stdio", "http"])
-def test_npms_client_lists_tries_swaps_tunes_and_goes_back(robot: lithe.Robot, tmp_path: Path, over: str) -> None:
-    gateway = Gateway(robot, token=write_token(tmp_path / "token"))
-    gateway.start()
-    common = ["--port", str(gateway.port), "--token-file", str(tmp_path / "token")]
-    command, env = words(*common)
-    law = (ROOT / "laws/gravity_pd.cpp").read_text()
-    calls: list[tuple[str, Json]] = [
-        ("law_check", {"source": law}), ("swap", {"source": law, "name": "gravity_pd.cpp", "probation_s": 0}),
-        ("set_params", {"values": {"kp_nm_rad": 3.5}}), ("rollback", {}), ("swap", {"source": "int x;"}),
-        ("hold", {}), ("arm", {}),
-    ]  # fmt: skip
-    server: subprocess.Popen[str] | None = None
-    try:
-        way: Json = {"command": command[0], "args": command[1:], "env": env}
-        if over == "http":
-            server = subprocess.Popen([*command, "--http", "0"], env=env, stderr=subprocess.PIPE, text=True)
-            assert server.stderr is not None
-            found = re.search(r"(http://\S+), token in (\S+)", server.stderr.readline())
-            assert found is not None
-            way = {"url": found[1], "token": Path(found[2]).read_text().strip()}
-        refused = npm_client(way, [("swap", {"source": law})])
-        assert refused["answers"][0]["error"] and refused["answers"][0]["text"].startswith("no_permission")
-        subprocess.run([*command, "allow"], env=env, check=True, capture_output=True)
-        said = npm_client(way, calls)
-    finally:
-        subprocess.run([*command, "forbid"], env=env, check=True, capture_output=True)
-        if server is not None:
-            server.terminate()
-            server.communicate()
-        gateway.close()
-    assert set(said["tools"]) == set(BY_NAME) and said["contract"] > 1000
-    assert "lithe://laws/pd.cpp" in said["resources"] and "explain_this_refusal" in said["prompts"]
-    assert [each["error"] for each in said["answers"]] == [False, False, False, False, True, False, False], said
