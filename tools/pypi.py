@@ -48,7 +48,9 @@ def _once(folder: Path, program: str, requirement: str, command: list[str | Path
         except subprocess.TimeoutExpired as late:
             raise Unavailable(f"{program} cannot install {requirement}: no answer within 10 minutes") from late
         if ran.returncode != 0:
-            errors = [line for line in ran.stderr.splitlines() if "error" in line.lower() and "complete log" not in line]
+            errors = [
+                line for line in ran.stderr.splitlines() if "error" in line.lower() and "complete log" not in line
+            ]
             raise Unavailable(f"{program} cannot install {requirement}: {(errors or ['?'])[-1].strip()}")
         done.touch()
 

@@ -12,27 +12,47 @@ from .protocol import Json
 
 SCHEME = "lithe://"
 
-PROMPTS = {
+READ = (
+    "What begins with lithe:// is a resource; the tool `document` gives the same by the name behind it. When a tool "
+    "answers no_permission, ask the person for it and wait; nothing else helps.\n\n"
+)
+SWAP = (
+    "`law_check` the law, then `swap` it while the reference runs: at rest no law is confirmed. The answer of `swap` "
+    "has the verdict and, per joint, the rms error of old and new law; lithe://plots/last-swap.png shows them, "
+    "lithe://swaps has those of all swaps. `rollback` if a joint became worse. At the end `stop_reference`."
+)
+MOVE = (
+    "`describe` has the joints and their limits. Move every joint within them: `set_reference` (kind multisine, with "
+    "centre_rad, amplitude_rad, frequency_hz, and client_stale_s 900, so that it goes on while you think). "
+)
+PROMPTS = {  # its words, what `about` is, its text
     "identify_then_compensate": (
         "Measure the robot, find its parameters, write a law that compensates them.",
-        "Read lithe://contract and lithe://rules. Move every joint within its limits: `set_reference` (kind multisine, "
-        "client_stale_s 900, so that it goes on while you think). Fetch `history` with setpoint, position, velocity "
-        "and torque. Estimate inertia, friction and gravity of each joint. Write a law that adds what you found to a "
-        "feedback; `law_check` it, then `swap` it while the reference runs: at rest no law is confirmed. The answer of "
-        "`swap` has the verdict and, per joint, the rms error of old and new law; lithe://swaps has those of all "
-        "swaps. `rollback` if any joint became worse, and `stop_reference` at the end.",
+        "the goal, or what is known of the robot",
+        "Read lithe://contract and lithe://rules. " + MOVE + "After 10 s fetch `history` (seconds 6, every 20, fields "
+        "tick, position_rad, velocity_rad_s, torque_nm). For each joint fit by least squares torque_nm = inertia * "
+        "acceleration + viscous * velocity + coulomb * sign(velocity) + gravity * sin(position) + offset; the "
+        "acceleration is the difference of two velocities by their time. Where you cannot compute, take one term after "
+        "another by its sign and size, and let `measure` judge it. Write a law that adds these torques, at the "
+        "setpoint's acceleration and velocity and at the position, to a feedback of position and velocity. " + SWAP,
     ),
     "explain_this_refusal": (
         "Say why a law was refused and what to change.",
+        "the refusal, as a tool answered it; left out: the newest in lithe://swaps",
         "Explain in three sentences why this was refused, which line or value is the cause, and the smallest change "
-        "that would pass. Use lithe://contract and lithe://rules. The refusal:",
+        "that would pass. Use lithe://contract, lithe://rules and lithe://mistakes. Where no refusal follows, take the "
+        "newest of lithe://swaps that has an error or rolled_back; lithe://swaps/NUMBER.cpp is its law, if it ran. "
+        "Then try your change with `law_check`, which reaches no robot. The refusal:",
     ),
     "improve_by_one_term": (
         "Make the running law better by one term.",
-        "While a reference runs (`reference`; `set_reference` with client_stale_s 900 starts one), fetch `history` of "
-        "the last seconds and find the joint with the largest tracking error. Add exactly one term to your last law "
-        "that reduces this error, and say why it does. `swap` it: its answer has the verdict and, per joint, the rms "
-        "error of old and new law. `rollback` if a joint became worse.",
+        "the goal, or the joint that matters",
+        "Read lithe://contract, and the running law: `status` has its name, lithe://swaps its swap, "
+        "lithe://swaps/NUMBER.cpp its text; a law that came with the robot is lithe://laws/NAME.cpp. `reference` says "
+        "whether a reference runs. If none does: " + MOVE + "`measure` has each joint's error and torque; "
+        "lithe://plots/recent.png shows when the error is large: at a constant speed (friction), far from hanging "
+        "(gravity), at a change of speed (inertia), as a constant (an integral). Add exactly one term that reduces the "
+        "largest error, and say why it does. " + SWAP,
     ),
 }
 
@@ -72,12 +92,14 @@ def read(uri: str, call: Callable[[str, Json], Any]) -> Json:
 
 def prompts() -> list[Json]:
     """For prompts/list."""
-    about = [{"name": "about", "description": "more words: the refusal, the goal", "required": False}]
-    return [{"name": name, "description": words, "arguments": about} for name, (words, _) in PROMPTS.items()]
+    return [
+        {"name": name, "description": words, "arguments": [{"name": "about", "description": about, "required": False}]}
+        for name, (words, about, _) in PROMPTS.items()
+    ]
 
 
 def prompt(name: str, args: Json) -> Json:
     """For prompts/get. KeyError: there is none of that name."""
-    words, text = PROMPTS[name]
-    text += f"\n\n{args['about']}" if args.get("about") else ""
+    words, _, text = PROMPTS[name]
+    text = READ + text + (f"\n\n{args['about']}" if args.get("about") else "")
     return {"description": words, "messages": [{"role": "user", "content": {"type": "text", "text": text}}]}

@@ -3,6 +3,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -16,10 +17,11 @@ import pytest
 from lithe.errors import NotRunning, Refused
 from lithe.gateway import Gateway, documents
 from lithe.gateway.token import write_token
-from lithe.mcp import permission
+from lithe.mcp import library, permission, plots
 from lithe.mcp.protocol import HANDSHAKE, META, MOST_LINE_BYTES, STATELESS, VERSIONS
-from lithe.mcp.server import MOST_ANSWER_BYTES, MOST_CALLS, MOST_STOPS, Server
+from lithe.mcp.server import INSTRUCTIONS, MOST_ANSWER_BYTES, MOST_CALLS, MOST_STOPS, Server
 from lithe.remote import Remote
+from lithe.shm import dtype
 from lithe.vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
 from system.robot_rig import ROOT, RobotRig
 
@@ -336,6 +338,25 @@ def test_a_prompt_moves_the_robot_by_a_reference_that_outlasts_a_thought(fake: F
         told = fake.send("prompts/get", {"name": name})["result"]["messages"][0]["content"]["text"]
         assert "`set_reference`" in told and "client_stale_s 900" in told and "`publish`" not in told
         assert "verdict" in told and "`rollback`" in told
+
+
+def test_what_a_prompt_names_is_there(fake: Fake, tmp_path: Path) -> None:
+    """For a model that has nothing else: every tool, argument, field and resource."""
+    (tmp_path / "0001.cpp").write_text("// a law")
+    fake.result = {"records": str(tmp_path)}
+    there = {each["uri"] for each in fake.send("resources/list")["result"]["resources"]}
+    words = {*BY_NAME, *(dtype("Telemetry").names or ()), *(arg for verb in VERBS for arg, _ in verb.args)}
+    words |= {"no_permission", "rolled_back"}  # of answers
+    for name in library.PROMPTS:
+        told = library.prompt(name, {})["messages"][0]["content"]["text"]
+        assert set(re.findall(r"`(\w+)`", told)) <= set(BY_NAME), name
+        named = set(re.findall(r"lithe://[\w./-]*\w", told))
+        laws = {"lithe://swaps/NUMBER.cpp", "lithe://laws/NAME.cpp"}
+        assert named - laws <= there and named, named - there
+        assert set(re.findall(r"\b[a-z]+(?:_[a-z]+)+\b", told)) <= words, name
+    assert "text" in fake.send("resources/read", {"uri": "lithe://swaps/0001.cpp"})["result"]["contents"][0]
+    assert set(re.findall(r"`(\w+)`", INSTRUCTIONS)) <= set(BY_NAME)
+    assert set(re.findall(r"(plots/[\w-]+\.png)", INSTRUCTIONS)) <= set(plots.ALWAYS)
 
 
 class Process:

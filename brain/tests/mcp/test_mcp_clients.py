@@ -97,8 +97,6 @@ def client(name: str, way: Json, calls: list[tuple[str, Json]]) -> Json:
     ("name", "over", "mode"),
     [
         ("python", "stdio", "auto"),
-        ("python", "http", "auto"),
-        ("python", "stdio", "legacy"),
         ("python", "http", "legacy"),
         ("npm", "stdio", "legacy"),
         ("npm", "http", "legacy"),

@@ -52,7 +52,12 @@ class Told:
         ticks = list(range(10, 10 * self.minute_ticks + 10, 10))
         law_id = [1 if tick < 2000 else 2 for tick in ticks]
         still = np.zeros_like(noise)
-        return {"tick": ticks, "law_id": law_id, "setpoint_position_rad": still.tolist(), "position_rad": noise.tolist()}
+        return {
+            "tick": ticks,
+            "law_id": law_id,
+            "setpoint_position_rad": still.tolist(),
+            "position_rad": noise.tolist(),
+        }
 
 
 @pytest.fixture
@@ -62,7 +67,12 @@ def told(tmp_path: Path) -> Told:
 
 def test_the_history_of_laws_has_every_swap_and_the_error_of_every_joint(told: Told) -> None:
     (axis,) = plots.figure("plots/laws.png", told.call).axes
-    assert [label.get_text() for label in axis.get_xticklabels()] == ["0001 pd", "0002 no_good", "0003 lqr", "0004 oops"]
+    assert [label.get_text() for label in axis.get_xticklabels()] == [
+        "0001 pd",
+        "0002 no_good",
+        "0003 lqr",
+        "0004 oops",
+    ]
     lines = {str(line.get_label()): np.asarray(line.get_ydata(), float) for line in axis.get_lines()}
     np.testing.assert_array_equal(lines["shoulder"][:2], [0.1, np.nan])
     assert len(lines) <= plots.MOST_JOINTS
