@@ -155,16 +155,20 @@ void Verbs::roll_back(const ReplyTo& to, const Json& args) {
 // Laws before the running one have smaller numbers, and those that a rollback passed over are gone.
 void Verbs::activate(const ReplyTo& to, const Json& args) {
   const Json wanted = args.value("law", Json(nullptr));
-  if (!wanted.is_string())
-    throw Refusal{"usage", fmt::format("law = {}: the name of a law", wanted.dump()), "lithe law list has them"};
-  const std::string name = wanted.get<std::string>();
+  const bool by_id = wanted.is_number_unsigned();
+  if (!wanted.is_string() && !by_id)
+    throw Refusal{"usage", fmt::format("law = {}: the name of a law, or its law_id", wanted.dump()),
+                  "lithe law list has them"};
+  const std::string name = by_id ? "" : wanted.get<std::string>();
+  const auto is_wanted = [&](const wire::LawInfo& law) {
+    return by_id ? law.law_id == wanted.get<std::uint64_t>() : text_of(law.name) == name;
+  };
   const auto running = parts_.spine.running_law();
   const std::uint32_t now = running ? running->info.law_id : 0;
-  if (running && name == text_of(running->info.name)) return reply_(to, law_that_runs());
+  if (running && is_wanted(running->info)) return reply_(to, law_that_runs());
   std::vector<wire::LawInfo> earlier = parts_.spine.laws();
   std::erase_if(earlier, [now](const wire::LawInfo& law) { return law.law_id >= now; });
-  const auto found = std::find_if(earlier.rbegin(), earlier.rend(),
-                                  [&name](const wire::LawInfo& law) { return text_of(law.name) == name; });
+  const auto found = std::find_if(earlier.rbegin(), earlier.rend(), is_wanted);
   if (found == earlier.rend()) {
     if (const auto text = parts_.swaps.source_of(name); !text.empty()) {
       const std::string document = fmt::format("swaps/{}", text.filename().string());
@@ -177,7 +181,9 @@ void Verbs::activate(const ReplyTo& to, const Json& args) {
     std::vector<std::string> names;
     for (const wire::LawInfo& law : earlier) names.push_back(fmt::format("'{}'", text_of(law.name)));
     throw Refusal{
-        "unknown_law", fmt::format("no law '{}' ran before this one and is still loaded", name),
+        "unknown_law",
+        fmt::format("no law {} ran before this one and is still loaded",
+                    by_id ? wanted.dump() : fmt::format("'{}'", name)),
         fmt::format("{}swap its text", names.empty() ? "" : fmt::format("one of {}, or ", fmt::join(names, ", ")))};
   }
   go_back(to, static_cast<std::uint32_t>(found - earlier.rbegin()) + 1);

@@ -4,70 +4,143 @@
 import json
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from calm import calm_robot, connected
+from lithe._wire import Mode
 from lithe.agent.transcript import broken_at
 from lithe.gateway import Gateway
+from lithe.heartbeat import Repeat
+from lithe.shm import SpineView
 from model_server import ModelServer, fenced, law, tool_call
 
 WEAK = law("u.torque_nm[j] = 0.05 * e + 0.004 * de;", "weak")
 MIDDLING = law("u.torque_nm[j] = 1.0 * e + 0.05 * de;", "middling")
 GOOD = law("u.torque_nm[j] = 0.165 * std::sin(t.position_rad[j]) + 6.0 * e + 0.15 * de;", "good")
 LATE = law("u.torque_nm[j] = (++s.steps > 1700) ? std::sqrt(-1.0 - e * e) : e + 0.05 * de;", "late", "int steps = 0;")
-SCRIPT: list[Any] = [
-    "The arm lags behind; I would raise the stiffness and add gravity compensation.",
-    fenced(MIDDLING) + "or, simpler:\n" + fenced(WEAK),
-    fenced(MIDDLING.replace("Tick& t, const Params&, State& s, lithe", "Tick& t, lithe").replace("(void)s;", "")),
-    fenced("#include <vector>\n" + law("std::vector<double> gains(t.joints, 4.0); u.torque_nm[j] = gains[j] * e;")),
-    fenced(law("u.torque_nm[j] = -2.0 * e - 0.05 * de;", "wrong_sign")),
-    fenced(law("u.torque_nm[j] = 57.3 * (6.0 * e) + 0.15 * de;", "degrees")),
-    fenced(law("while (e < 10.0) { u.torque_nm[j] = e; }", "endless")),
-    fenced(LATE),
-    fenced(law("u.torque_nm[j] = 1e6 * e + 2e4 * de;", "torque_limit")),
-    {"finish": "length", "message": {"content": fenced(GOOD)[:300]}},
-    json.dumps({"name": "propose_law", "arguments": {"source": MIDDLING}}),  # a tool call in the text
-    {"status": 500},
-    {"drop": True},
-    tool_call({"source": WEAK.replace("0.05 *", "0.04 *")}),
-    {"hang": 30},
-    {"huge": True},
-    fenced(GOOD),
+
+
+@dataclass(frozen=True)
+class Met:
+    """A kind of failure: what the server answers to one question and to those that repeat it, what becomes of it, at
+    which stage the supervisor refused it, and the words of it that the next question must have.
+    """
+
+    answers: list[Any]
+    verdict: str
+    stage: str = ""
+    words: tuple[str, ...] = ()
+    kept: bool = False
+
+
+SHORT = "Tick& t, lithe"
+VECTOR = law("std::vector<double> gains(t.joints, 4.0); u.torque_nm[j] = gains[j] * e;")
+ROUNDS = [
+    Met(["The arm lags behind; I would raise the stiffness and add gravity compensation."], "no_code",
+        words=("holds no code",)),
+    Met([fenced(MIDDLING) + "or, simpler:\n" + fenced(WEAK)], "several", words=("holds 2 laws; which one is meant",)),
+    Met([fenced(MIDDLING.replace("Tick& t, const Params&, State& s, lithe", SHORT).replace("(void)s;", ""))],
+        "compile_failed", "compile", ("agent_003.cpp:5: a law needs exactly one step",)),
+    Met([fenced("#include <vector>\n" + VECTOR)], "admission_failed", "admission", ("may not include <vector>",)),
+    Met([fenced(law("u.torque_nm[j] = -2.0 * e - 0.05 * de;", "wrong_sign"))], "trial_failed", "trial",
+        ("look at the sign",)),
+    Met([fenced(law("u.torque_nm[j] = 57.3 * (6.0 * e) + 0.15 * de;", "degrees"))], "trial_failed", "trial",
+        ("swings to and fro", "lower its stiffness")),
+    Met([fenced(law("while (e < 10.0) { u.torque_nm[j] = e; }", "endless"))], "dry_run_failed", "dry_run",
+        ("agent_007.cpp:11", "a loop without an end")),
+    Met([fenced(LATE)], "rolled_back", words=("not_finite: joint shoulder", "Next: look for a division by 0")),
+    Met([fenced(law("u.torque_nm[j] = 1e6 * e + 2e4 * de;", "torque_limit"))], "trial_failed", "trial",
+        ("lower its stiffness",)),
+    Met([{"finish": "length", "message": {"content": fenced(GOOD)[:300]}}], "truncated", words=("limit of tokens",)),
+    Met([json.dumps({"name": "propose_law", "arguments": {"source": MIDDLING}})], "confirmed", kept=True),
+    Met([{"status": 500}, {"drop": True}, tool_call({"source": WEAK.replace("0.05 *", "0.04 *")})], "rolled_back",
+        words=("tracking_lost: joint shoulder", "Next: make the law follow its setpoint better")),
+    Met([{"hang": 30}, {"huge": True}], "too_long", words=("longer than 1024 KiB",)),
+    Met([fenced(GOOD)], "confirmed", kept=True),
 ]  # fmt: skip
 
 
+def prompt_after(server: ModelServer, number: int) -> str:
+    """The first question that tells what became of that generation."""
+    told = (asked["messages"][1]["content"] for asked in server.asked)
+    return next(one for one in told if f"- generation {number}: " in one)
+
+
+def modes_seen(cursor: Any, seen: set[int]) -> None:
+    records = cursor.drain()
+    seen.update(int(mode) for mode in records["mode"])
+
+
+def run_agent(rig: Any, gateway: Gateway, server: ModelServer, tmp_path: Path, *more: str) -> tuple[Any, list[Any]]:
+    """The program to its end, and its transcript."""
+    (tmp_path / "token").write_text("sesame")
+    words = [
+        "--url", server.url, "--model", "coder", "--api", "openai", "--model-timeout", "3", "--token-file",
+        tmp_path / "token", "--connect", f"127.0.0.1:{gateway.port}", "--goal", "track 1 Hz with the least error",
+        "--window", "1", "--amplitude", "1", "--out", tmp_path / "out", *more,
+    ]  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-m", "lithe.agent", *map(str, words)],
+        check=False, env=rig.env, capture_output=True, text=True, timeout=500,
+    )  # fmt: skip
+    print(done.stdout[-8000:], done.stderr)
+    [folder] = (tmp_path / "out").iterdir()
+    assert broken_at(folder / "transcript.jsonl") is None
+    return done, [json.loads(line) for line in (folder / "transcript.jsonl").read_bytes().splitlines()]
+
+
 def test_the_agent_meets_every_failure_and_keeps_the_best_law(tmp_path: Path) -> None:
-    with calm_robot() as rig, ModelServer(SCRIPT) as server, connected() as robot:
+    script = [answer for each in ROUNDS for answer in each.answers]
+    seen: set[int] = set()
+    with calm_robot() as rig, ModelServer(script) as server, connected() as robot:
         robot.call("swap", source=WEAK, name="weak.cpp", probation_s=0.0)
         gateway = Gateway(robot, token="sesame")
         gateway.start()
-        (tmp_path / "token").write_text("sesame")
-        words = [
-            "--url", server.url, "--model", "coder", "--api", "openai", "--model-timeout", "3", "--token-file",
-            tmp_path / "token", "--connect", f"127.0.0.1:{gateway.port}", "--goal", "track 1 Hz with the least error",
-            "--window", "1", "--amplitude", "1", "--rounds", "14", "--failures", "20", "--out", tmp_path / "out",
-        ]  # fmt: skip
-        done = subprocess.run(
-            [sys.executable, "-m", "lithe.agent", *map(str, words)],
-            check=False, env=rig.env, capture_output=True, text=True, timeout=500,
-        )  # fmt: skip
+        cursor = SpineView("arm").telemetry()
+        look = Repeat(lambda: modes_seen(cursor, seen), 0.2)
+        done, lines = run_agent(rig, gateway, server, tmp_path, "--rounds", str(len(ROUNDS)), "--failures", "20")
+        look.stop()
         gateway.close()
         status = robot.call("status")
-    print(done.stdout[-6000:], done.stderr)
     assert done.returncode == 0, done.stdout + done.stderr
+    assert "reference: sine 1 Hz, from the goal's text" in done.stdout
     assert status["mode"] == "active" and status["law"] == "good"
-    [folder] = (tmp_path / "out").iterdir()
-    lines = [json.loads(line) for line in (folder / "transcript.jsonl").read_bytes().splitlines()]
-    assert broken_at(folder / "transcript.jsonl") is None
-    tries = [line for line in lines if line["kind"] == "generation"]
-    verdicts = {line["name"]: line["verdict"] for line in tries}
-    assert [verdicts[f"agent_{n:03}.cpp"] for n in (1, 2, 3, 4)] == [
-        "no_code", "several", "compile_failed", "admission_failed",
-    ]  # fmt: skip
+    tries = {line["number"]: line for line in lines if line["kind"] == "generation"}
+    refused = {line["name"]: line for line in lines if line["kind"] == "refused"}
+    for number, met in enumerate(ROUNDS, 1):
+        one, name = tries[number], f"agent_{number:03}.cpp"
+        assert (one["verdict"], one["kept"]) == (met.verdict, met.kept), one
+        assert refused.get(name, {}).get("detail", {}).get("stage", "") == met.stage, refused.get(name)
+        if number < len(ROUNDS):
+            told = prompt_after(server, number)
+            part = told[told.index(f"- generation {number}: ") :]
+            assert met.verdict in part, part
+            for words in met.words:
+                assert words in part, (words, part)
+    assert seen == {int(Mode.active)}, "whatever was answered, the robot stayed active"
     failed = {line["error"] for line in lines if line["kind"] == "model_error"}
     assert failed == {"truncated", "http", "disconnected", "timeout", "too_long"}
-    assert [line["number"] for line in tries if line["kept"]] == [0, 11, 14]
-    assert tries[-1]["rmse_deg"][0] * 8 <= tries[0]["rmse_deg"][0]
+    best, start = (tries[number]["measured"]["rms_deg"][0] for number in (len(ROUNDS), 0))
+    assert best * 8 <= start
     assert all(line["probation_s"] > 0 for line in lines if line["kind"] == "swap")
-    assert "RMSE" in (folder / "report.md").read_text() and (folder / "best.cpp").exists()
+    [folder] = (tmp_path / "out").iterdir()
+    assert "RMS error" in (folder / "report.md").read_text() and (folder / "best.cpp").exists()
+
+
+# Good for its probation; then it pushes with all that it has.
+PUSHES = law("u.torque_nm[j] = (++s.steps > 3000) ? 1.0 : 1.0 * e + 0.05 * de;", "pushes", "int steps = 0;")
+
+
+def test_a_law_that_stops_the_robot_is_told_to_the_model_and_verbs_bring_the_robot_back(tmp_path: Path) -> None:
+    script = [fenced(PUSHES), {"hang": 2.5}, fenced(GOOD), fenced(GOOD)]
+    with calm_robot() as rig, ModelServer(script) as server, connected() as robot:
+        robot.call("swap", source=WEAK, name="weak.cpp", probation_s=0.0)
+        gateway = Gateway(robot, token="sesame")
+        gateway.start()
+        done, lines = run_agent(rig, gateway, server, tmp_path, "--rounds", "3")
+        gateway.close()
+        status, events = robot.call("status"), robot.call("events", limit=200)["events"]
+    for each in events: print(each["kind"], each.get("text"), each.get("next"))
+    assert 0

@@ -19,28 +19,28 @@ from ..programs import ROOT
 from ..remote import Remote
 from . import report
 from .link import Link
-from .options import model_of, model_options, new_transcript, seconds, share
-from .reference import Streamer, frequency_in
+from .options import model_of, model_options, motion_of, motion_options, new_transcript, seconds
+from .reference import Streamer, reference_of
 from .rounds import Limits, Result, Rounds
 from .transcript import Transcript
 
 NEITHER, LOST = 4, 3
-SHOWN = ("generation", "verdict", "proposed", "refused", "model_error", "disconnected", "grown", "end", "trouble")
+SHOWN = (
+    "generation", "verdict", "proposed", "refused", "stopped", "way_back", "demoted", "model_error",
+    "disconnected", "grown", "end", "trouble",
+)  # fmt: skip
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m lithe.agent", description=__doc__)
     model_options(parser)
-    parser.add_argument("--goal", default="track 0.5 Hz with the least error", help="in your own words; N Hz is obeyed")
+    motion_options(parser)
     parser.add_argument("--connect", default="127.0.0.1:7423", metavar="HOST:PORT", help="the robot's gateway")
     parser.add_argument("--token-file", type=Path, default=run_dir() / "gateway.token")
     parser.add_argument(
         "--reconnect", type=seconds, default=30.0, metavar="S", help="how long a broken connection is tried again"
     )
     parser.add_argument("--law", type=Path, help="the source of the law that runs now: the model is shown it")
-    parser.add_argument("--window", type=seconds, default=4.0, metavar="S", help="of one measurement")
-    parser.add_argument("--amplitude", type=share, default=0.5, help="share of the largest motion to begin with")
-    parser.add_argument("--growth", type=seconds, default=1.5, help="of the amplitude after a better law, at most 2")
     parser.add_argument("--out", type=Path, default=ROOT / "out/agent")
     return parser
 
@@ -67,16 +67,16 @@ def run(args: argparse.Namespace, transcript: Transcript) -> Result:
             source = read_regular(args.law)
         except (OSError, ValueError) as error:
             raise LitheError(f"cannot read the law {args.law} ({error})\n  next: --law FILE.cpp") from None
-    frequency_hz = frequency_in(args.goal)
     model = model_of(args, say)
-    limits = Limits(args.rounds, args.swaps, args.failures, args.window, args.amplitude, args.growth)
+    limits = Limits(args.rounds, args.swaps, args.failures, args.window, args.amplitude, args.growth, args.score)
     with Remote(*_address(args.connect), args.token_file) as remote:
         link = Link(remote, say, args.reconnect)
+        reference = reference_of(link.joints, args.goal, motion_of(args))
+        print(f"reference: {reference.words}", flush=True)
         link.take()
-        say("begin", goal=args.goal, model=args.model, url=args.url, joints=link.joints, limits=vars(limits))
-        rounds = Rounds(
-            link, Streamer(link), model, args.goal, frequency_hz, limits, say, transcript.keep, source
-        )  # fmt: skip
+        say("begin", goal=args.goal, model=args.model, url=args.url, joints=link.joints, limits=vars(limits),
+            reference=reference.terms)  # fmt: skip
+        rounds = Rounds(link, Streamer(link, reference), model, args.goal, limits, say, transcript.keep, source)
         result = rounds.run()
     path = report.write(result, transcript.folder, args.goal, args.model, link.names)
     print(f"report: {path}", flush=True)

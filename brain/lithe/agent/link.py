@@ -2,7 +2,7 @@
 """The robot as the agent sees it, over a connection that may be slow and may break.
 
 What only reads, and what goes back, is asked again after a broken connection; a swap never is: what came of it is read
-from the robot, and so is what came of a rollback. One thread.
+from the robot. One thread.
 """
 
 from __future__ import annotations
@@ -15,16 +15,12 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from .._wire import Mode
+from .._wire import Fault, Mode
 from ..errors import LitheError, NotRunning, Refused
-from ..identify import Arm, Motion, identify_joint
+from ..identify import Description, Motion
 
-Vector = npt.NDArray[np.float64]
-FIELDS = [
-    "tick", "sample_ns", "mode", "law_id", "position_rad", "velocity_rad_s", "torque_nm", "setpoint_position_rad",
-]  # fmt: skip
+FIELDS = ["tick", "sample_ns", "mode", "position_rad", "velocity_rad_s", "torque_nm"]
 LEAST_SHARE = 0.25  # of the window's ticks that must have been in mode active, under the law in question
 PROBATION_S = 2.0  # asked for in every swap: an agent never gets along without it
 LEASE_S, ALIVE_S = 120.0, 10.0  # of the lease; how often the gateway hears of an agent that waits for something else
@@ -34,10 +30,29 @@ MOST_COMPILE_S = 120.0  # how long a swap that has reached the robot may take un
 MOST_PROBATION_S = 30.0
 RUNS = ("committed", "unproven")  # while the robot rests, as where a connection broke, probation goes on
 OVER = ("confirmed", "rolled_back", "not_confirmed", "refused")  # an unproven law is still on probation
+BY_LAW = (Fault.position_limit, Fault.velocity_limit, Fault.law_not_finite, Fault.law_faulted)
+# After these stops verbs lead back. After the others a person looks at a drive, or has stopped the robot.
+MENDABLE = {each.name for each in (*BY_LAW, Fault.sample_stale, Fault.deadline_missed, Fault.brain_stale,
+                                   Fault.plan_torn)}  # fmt: skip
+WAYS = 5  # attempts to arm after a stop
+MOST_RECOVER_S = 60.0
+ARMED_S = 0.5  # so long it must then stay active
+
+
+class Lost(LitheError):
+    """The robot cannot be reached, may not be moved from here any more, or no verb leads back: a person's turn."""
 
 
 class Stopped(LitheError):
-    """The robot has left the mode `active`, or cannot be reached any more: a person's turn."""
+    """The robot or a group of its joints has stopped. `by_law`: motion or law made it; `mendable`: verbs lead back."""
+
+    def __init__(self, status: dict[str, Any]) -> None:
+        self.stop: dict[str, Any] = status.get("stopped_by") or {}
+        mode, fault = status.get("mode"), str(status.get("fault"))
+        self.by_law = fault in [each.name for each in BY_LAW]
+        self.mendable = mode in ("safe_stop", "active") and fault in MENDABLE
+        next_step = f". Next: {self.stop['next']}" if self.stop.get("next") else ""
+        super().__init__(f"the robot is in mode {mode}, fault {fault}: {self.stop.get('text', '')}{next_step}")
 
 
 class Caller(Protocol):
@@ -75,6 +90,8 @@ class Link:
         self.rate_hz = float(about["rate_hz"])
         self.joints: list[dict[str, Any]] = about["joints"]
         self.names = [str(joint["name"]) for joint in self.joints]
+        chain = about.get("chain")
+        self.chain = Description(**chain) if chain else None
 
     def take(self) -> None:
         """The right to move the robot; after a connection broke it is taken anew. Refused: another has it."""
@@ -82,7 +99,7 @@ class Link:
         self._leased = True
 
     def call(self, verb: str, /, **args: Any) -> Any:
-        """Any verb but swap and rollback, as long as needed over a connection that breaks. Stopped: for too long."""
+        """Any verb but swap, as long as needed over a connection that breaks. Lost: for too long."""
         until_s = self.now_s() + self._within_s
         while True:
             try:
@@ -99,7 +116,7 @@ class Link:
                 self._lost(verb, error)
             if self.gone or self.now_s() > until_s:
                 self.gone = True
-                raise Stopped(f"the robot cannot be reached for {self._within_s:g} s")
+                raise Lost(f"the robot cannot be reached for {self._within_s:g} s")
             self.sleep(0.5)
 
     def _lost(self, verb: str, error: LitheError) -> None:
@@ -107,10 +124,10 @@ class Link:
         self._say("disconnected", verb=verb, message=str(error))
 
     def _check(self, refusal: Refused) -> None:
-        """Stopped when another client has taken the lease meanwhile: then nothing here may move the robot any more."""
+        """Lost when another client has taken the lease meanwhile: then nothing here may move the robot any more."""
         if refusal.code == "leased" and self._leased:
             self.gone = True
-            raise Stopped(f"another client moves the robot now: {refusal.message}") from None
+            raise Lost(f"another client moves the robot now: {refusal.message}") from None
 
     @contextlib.contextmanager
     def alive(self) -> Iterator[None]:
@@ -130,22 +147,17 @@ class Link:
             over.set()
 
     def law_id(self) -> int:
-        """Of the law that runs. Stopped: none does."""
-        now = self.call("latest", fields=["mode", "law_id"])
-        if now["mode"] != Mode.active:
-            status = self.call("status")
-            raise Stopped(
-                f"the robot is in mode {status.get('mode')} (fault: {status.get('fault')}), so no law runs\n"
-                "  next: `lithe status` says why; `lithe reset` and `lithe arm` when a person has seen it"
-            )
+        """Of the law that runs. Stopped: none does, or not at all joints."""
+        now = self.call("latest", fields=["mode", "fault", "law_id"])
+        if now["mode"] != Mode.active or now["fault"] != Fault.none:
+            raise Stopped(self.call("status"))
         return int(now["law_id"])
 
-    def measure(self, seconds: float) -> tuple[Vector, list[Motion], int]:
-        """RMSE of each joint [rad] over the next `seconds`, its motion, and the law that ran all the while.
+    def measure(self, seconds: float) -> tuple[dict[str, Any], list[Motion]]:
+        """What the verb `measure` says of the next `seconds`, and the motion of each joint.
 
-        Only ticks in mode active under that law count. LitheError: there were too few of them.
+        LitheError: in too few ticks of this time the law ran that runs at its end. Stopped: none runs.
         """
-        law_id = self.law_id()
         since = int(self.call("latest", fields=["tick"])["tick"])
         until_s = self.now_s() + seconds
         pieces: list[dict[str, Any]] = []
@@ -155,22 +167,25 @@ class Link:
             if piece["tick"]:
                 since = int(piece["tick"][-1])
                 pieces.append(piece)
-        columns = {name: np.concatenate([np.asarray(one[name], dtype=float) for one in pieces]) for name in FIELDS}
-        good = (columns["mode"] == Mode.active) & (columns["law_id"] == law_id)
-        if np.count_nonzero(good) < LEAST_SHARE * seconds * self.rate_hz:
+        try:
+            told: dict[str, Any] = self.call("measure", seconds=seconds)
+        except Refused:
             self.law_id()  # Stopped says it better
-            raise LitheError(f"only {np.count_nonzero(good)} of {len(good)} ticks were under the law in question")
-        kept = {name: values[good] for name, values in columns.items()}
-        error_rad = kept["setpoint_position_rad"] - kept["position_rad"]
+            raise
+        if told["ticks"] < LEAST_SHARE * seconds * self.rate_hz:
+            raise LitheError(f"only {told['ticks']} ticks were under the law in question")
+        columns = {name: np.concatenate([np.asarray(one[name], dtype=float) for one in pieces]) for name in FIELDS}
+        kept = {name: values[columns["mode"] == Mode.active] for name, values in columns.items()}
         t_s = (kept["sample_ns"] - kept["sample_ns"][0]) * 1e-9
         moved = (kept["position_rad"].T, kept["velocity_rad_s"].T, kept["torque_nm"].T)
-        motions = [Motion(t_s, *one) for one in zip(*moved, strict=True)]
-        rmse: Vector = np.sqrt(np.mean(error_rad**2, axis=0))
-        return rmse, motions, law_id
+        return told, [Motion(t_s, *one) for one in zip(*moved, strict=True)]
 
     def swap(self, source: str, name: str) -> Outcome:
         """The law through the whole transaction, always with probation. Never raises Refused: that is an outcome."""
         before, earlier = self.law_id(), self._last_swap().get("request_id")
+        return self._swapped(source, name, before, earlier)
+
+    def _swapped(self, source: str, name: str, before: int, earlier: Any) -> Outcome:
         self._say("swap", name=name, probation_s=PROBATION_S)
         try:
             with self.alive():
@@ -208,54 +223,70 @@ class Link:
                 return Outcome(verdict, runs, now, said, dict(last) if ours else {})
             self.sleep(0.2)
 
-    def _roll_back(self) -> bool:
-        """One step, asked for once. False: whether it was done is not known."""
+    def taken_back(self) -> str:
+        """Why the Spine took a law back last, and what to change: its own words."""
+        told = self.call("events", limit=100)["events"]
+        kinds = ("law_faulted", "law_rolled_back")
+        last: dict[str, Any] = next((one for one in reversed(told) if one.get("kind") in kinds), {})
+        return f"{last.get('text', '')}" + (f". Next: {last['next']}" if last.get("next") else "")
+
+    def _tried(self, verb: str, /, **args: Any) -> Refused | None:
+        """Why a verb of the way back was refused; None: it was done."""
+        self._say("way_back", verb=verb, **args)
         try:
-            self._remote.call("rollback", steps=1)
+            self.call(verb, **args)
         except Refused as refusal:
-            self._say("refused", name="rollback", code=refusal.code, message=refusal.message)
-        except NotRunning as error:
-            self._lost("rollback", error)
-            return False
-        return True
+            self._say("refused", name=verb, code=refusal.code, message=refusal.message)
+            return refusal
+        return None
 
     def go_back_to(self, law_id: int, source: str, name: str) -> int:
-        """That law runs again, by a rollback; where that leads elsewhere, by a swap of its source. Its id now.
+        """That law runs again, by `activate`; where it is no longer loaded, by a swap of its source. Its id now.
 
-        A rollback whose answer is lost is asked for again only when the law has not changed for LATE_S: a second step
-        would lead too far back. LitheError: it does not run.
+        LitheError: it does not run.
         """
-        first = now = self.law_id()
-        known = False
-        while now == first != law_id and not known:
-            self._say("rollback", to=law_id)
-            known = self._roll_back()
-            until_s = self.now_s() + (2.0 if known else LATE_S)
-            while (now := self.law_id()) == first and self.now_s() < until_s:
+        if self.law_id() == law_id:
+            return law_id
+        if self._tried("activate", law=law_id) is None:
+            until_s = self.now_s() + 2.0
+            while self.law_id() != law_id and self.now_s() < until_s:
                 self.sleep(0.05)
-        if now == law_id:
-            return now
-        if source:
-            done = self.swap(source, name)
-            if done.runs:
-                return done.law_id
-        raise LitheError(f"the best law does not run: law {self.law_id()} does, and no rollback leads to law {law_id}")
+        elif source and (done := self.swap(source, name)).runs:
+            return done.law_id
+        if self.law_id() != law_id:
+            raise LitheError(f"the best law does not run: law {self.law_id()} does, and no verb leads to law {law_id}")
+        return law_id
 
+    def come_back(self, law_id: int, source: str, name: str) -> int:
+        """After a stop: that law runs again, armed. Its id now. Lost: no verb leads there, or a person stopped it."""
+        refusal: Refused | None = None
+        for _ in range(WAYS):
+            status = self.call("status")
+            if status["mode"] == "estop":
+                break
+            if status["fault"] != "none":
+                self._tried("reset")
+            refusal = self._tried("activate", law=law_id)
+            if refusal is not None and source:
+                done = self._swapped(source, name, 0, self._last_swap().get("request_id"))
+                law_id, refusal = (done.law_id, None) if done.law_id else (law_id, refusal)
+            if refusal is not None:  # nobody arms a law that may be the one that stopped the robot
+                break
+            refusal = self._tried("arm")
+            if refusal is None:
+                self.sleep(ARMED_S)
+                now = self.call("latest", fields=["mode", "fault", "law_id"])
+                if (now["mode"], now["fault"], now["law_id"]) == (Mode.active, Fault.none, law_id):
+                    return law_id
+            elif refusal.code == "refused_outside":
+                self._brought_inside()
+            else:
+                self.sleep(1.0)
+        raise Lost(f"no verb led back: {refusal or Stopped(self.call('status'))}")
 
-def identified(names: list[str], motions: list[list[Motion]]) -> list[dict[str, Any]]:
-    """What `lithe.identify` finds of each joint in all its motions; where they do not tell, why."""
-    found: list[dict[str, Any]] = []
-    for name, those in zip(names, motions, strict=True):
-        try:
-            arm: Arm = identify_joint(those)
-        except (ValueError, np.linalg.LinAlgError) as error:
-            found.append({"joint": name, "unknown": str(error)})
-            continue
-        found.append({
-            "joint": name,
-            "gravity_nm": round(arm.mgl_nm, 5), "gravity_se_nm": round(arm.mgl_se_nm, 5),
-            "gravity_zero_rad": round(arm.zero_rad, 4),
-            "inertia_kg_m2": float(f"{arm.inertia_kg_m2:.4g}"), "coulomb_nm": round(max(arm.coulomb_nm, 0.0), 5),
-            "viscous_nm_s_rad": round(arm.viscous_nm_s_rad, 5),
-        })  # fmt: skip
-    return found
+    def _brought_inside(self) -> None:
+        """`recover`, and waits for its end."""
+        self._tried("recover")
+        until_s = self.now_s() + MOST_RECOVER_S
+        while self.call("status").get("recovering") and self.now_s() < until_s:
+            self.sleep(0.2)

@@ -13,7 +13,9 @@ from pathlib import Path
 from ..errors import LitheError
 from ..files import read_regular
 from .model import Model
-from .reference import bad_share
+from .prompt import MOST_GOAL_CHARS
+from .reference import CHIRP_S, KINDS, MOST_WINDOW_S, Asked, bad_share
+from .score import SCORES
 from .transcript import Transcript
 
 
@@ -41,6 +43,57 @@ def share(text: str) -> float:
     if wrong := bad_share(value):
         raise argparse.ArgumentTypeError(wrong)
     return value
+
+
+def _window(text: str) -> float:
+    if (value := seconds(text)) > MOST_WINDOW_S:
+        raise argparse.ArgumentTypeError(f"'{text}' is more than {MOST_WINDOW_S:g} s")
+    return value
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        values = [float(one) for one in text.split(",")]
+    except ValueError:
+        values = []
+    if not values or not all(map(math.isfinite, values)):
+        raise argparse.ArgumentTypeError(f"'{text}' is no number, and no numbers with commas between them")
+    return values
+
+
+def _goal(text: str) -> str:
+    if not 0 < len(text) <= MOST_GOAL_CHARS:
+        raise argparse.ArgumentTypeError(f"it has {len(text)} characters; 1 to {MOST_GOAL_CHARS} reach the model")
+    return text
+
+
+def motion_options(parser: argparse.ArgumentParser) -> None:
+    """What is wanted, the motion on which it is measured, and by what."""
+    parser.add_argument("--goal", type=_goal, default="track 0.5 Hz with the least error", help="for the model, whole")
+    parser.add_argument(
+        "--reference", default="sine", metavar="KIND",
+        help=f"the motion that is measured: {', '.join(KINDS)}, or a JSON file with the arguments of set_reference "
+             "(steps, waypoints ...)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--frequency-hz", type=_numbers, metavar="F[,F...]",
+        help="a sine's (default: the goal's number before Hz, else 0.5), a multisine's, a chirp's first and last",
+    )  # fmt: skip
+    for name in ("amplitude", "centre"):
+        parser.add_argument(f"--{name}-rad", type=_numbers, metavar="A[,A...]", help="of all joints, or of each")
+    parser.add_argument("--duration-s", type=seconds, default=CHIRP_S, metavar="S", help="of a chirp")
+    parser.add_argument("--window", type=_window, default=4.0, metavar="S", help="of one measurement, at least")
+    parser.add_argument("--amplitude", type=share, default=0.5, help="share of the largest motion to begin with")
+    parser.add_argument("--growth", type=seconds, default=1.5, help="of the amplitude after a better law, at most 2")
+    parser.add_argument(
+        "--score", choices=tuple(SCORES), default="rms",
+        help="what is to be least: rms or largest error, or torque with errors no larger than at the start",
+    )  # fmt: skip
+
+
+def motion_of(args: argparse.Namespace) -> Asked:
+    """What the command line says of the motion."""
+    return Asked(args.reference, args.frequency_hz, args.amplitude_rad, args.centre_rad, args.duration_s)
 
 
 def model_options(parser: argparse.ArgumentParser, required: bool = True) -> None:

@@ -7,7 +7,8 @@ import html
 import re
 from pathlib import Path
 
-from .rounds import Result, score
+from .rounds import Result
+from .score import SCORES, score
 
 
 def _cell(text: str, most: int = 160) -> str:
@@ -20,23 +21,29 @@ def markdown(result: Result, goal: str, model: str, names: list[str], figure: bo
     lines = [
         "# What the agent did",
         "",
-        f"Goal: {_cell(goal)}. Model: {_cell(model)}. {len(result.tries) - 1} generations, {result.swaps} swaps.",
+        f"Goal: {_cell(goal)}. Model: {_cell(model)}. {len(result.tries) - 1} generations, {result.swaps} swaps, "
+        f"{result.stops} stops.",
         f"It ended because: {_cell(result.why, 400)}.",
         "",
     ]
     if result.tries:
         best = result.tries[result.best]
-        now = f"RMSE {score(best.rmse_deg):.4f}°, at the start {score(result.tries[0].rmse_deg):.4f}°"
+        now, start = (score(one.measured, result.kind) for one in (best, result.tries[0]))
         lines += [
-            f"The best law is generation {best.number} ({_cell(best.name)}): {now}, {result.ratio:.1f} times less.",
+            f"The best law is generation {best.number} ({_cell(best.name)}): {SCORES[result.kind]} {now:.4f}, "
+            f"at the start {start:.4f}: {result.ratio:.1f} times less.",
             "",
         ]
     lines += ["![RMSE of each generation](rmse.png)", ""] if figure else []
-    lines += ["| generation | verdict | amplitude | RMSE [deg] | kept | what was said |", "|---|---|---|---|---|---|"]
+    shown = dict.fromkeys((result.kind, "rms"))
+    heads = ("generation", "verdict", "amplitude", *(SCORES[one] for one in shown), "kept", "what was said")
+    lines += [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for one in result.tries:
-        rmse = ", ".join(f"{each:.4f}" for each in one.rmse_deg) or "not measured"
+        values = [", ".join(f"{each:.4f}" for each in one.measured.joints(kind)) if one.measured else "not measured"
+                  for kind in shown]  # fmt: skip
         kept = "yes" if one.kept else ""
-        lines.append(f"| {one.number} | {_cell(one.verdict)} | {one.share:.0%} | {rmse} | {kept} | {_cell(one.said)} |")
+        cells = (str(one.number), _cell(one.verdict), f"{one.share:.0%}", *values, kept, _cell(one.said))
+        lines.append(f"| {' | '.join(cells)} |")
     lines += ["", f"Joints, in this order: {', '.join(_cell(name, 40) for name in names)}.", ""]
     lines += [f"- {_cell(str(each), 300)}" for each in result.plant]
     lines += [
@@ -49,7 +56,7 @@ def markdown(result: Result, goal: str, model: str, names: list[str], figure: bo
 
 def draw(result: Result, path: Path) -> bool:
     """RMSE of each generation that was measured, on a logarithmic axis. False: matplotlib is not installed."""
-    measured = [one for one in result.tries if one.rmse_deg]
+    measured = [one for one in result.tries if one.measured]
     try:
         from matplotlib import pyplot as plt
 
@@ -62,7 +69,7 @@ def draw(result: Result, path: Path) -> bool:
         picture, axes = plt.subplots(figsize=(7.2, 3.4), layout="constrained")
         for kept, colour, word in ((True, figures.GREEN, "kept"), (False, figures.RED, "taken back")):
             those = [one for one in measured if one.kept is kept]
-            scores = [max(score(one.rmse_deg), figures.LEAST_DEG) for one in those]
+            scores = [max(score(one.measured, "rms"), figures.LEAST_DEG) for one in those]
             axes.semilogy([one.number for one in those], scores, "o", color=colour, label=word)
         axes.minorticks_off()
         figures.plain_numbers(axes.yaxis)

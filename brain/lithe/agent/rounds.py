@@ -1,37 +1,37 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loop: measure, identify, propose, swap, compare, keep the best.
 
-Before each swap the best law runs. So one rollback takes a law back that is not better, and however the loop ends, the
-best law runs. No setting and nothing that a model answers can change the terms of a swap.
+Before each swap the best law runs. So a law that is not better is taken back by `activate`, and however the loop ends,
+the best law runs. A stop that verbs lead back from is a generation that failed. No setting and nothing that a model
+answers can change the terms of a swap.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
-
-import numpy as np
 
 from ..errors import LitheError
 from ..identify import Motion
 from . import prompt
 from .extract import NoLaw, law_in
-from .link import Link, Stopped, identified
+from .link import Link, Lost, Stopped
 from .model import ModelError, Reply
+from .plant import identified
 from .prompt import Try
-from .reference import grown
+from .reference import Reference, grown
+from .score import Measured, better, score
 
 MOST_WINDOWS = 10  # that a broken connection may spoil, one after the other
 MOST_MOTIONS = 6  # measurements that are identified together
 SETTLE_S = 0.4  # after a commit; the blend is over by then
-LEAST_GAIN = 0.99  # of the score, that makes a law the new best
-MOST_WORSE, FREE_DEG = 2.0, 0.1  # no joint of a new best may become so many times worse, beyond so much
+MOST_STOPS = 5  # one after the other, on the way back from the first
 
 
 @dataclass(frozen=True)
 class Limits:
-    """`rounds` with the model, `swaps` at the robot, `failures` in a row that end it; `window_s` of a measurement."""
+    """`rounds` with the model, `swaps` at the robot, `failures` in a row that end it; `window_s`: least measurement."""
 
     rounds: int = 10
     swaps: int = 25
@@ -39,6 +39,16 @@ class Limits:
     window_s: float = 4.0
     share: float = 0.5
     growth: float = 1.5
+    score: str = "rms"  # of SCORES; the amplitude does not grow where it is no error
+
+
+@dataclass(frozen=True)
+class Best:
+    """A law that was kept: its generation, its id in the robot, its text ("": not known)."""
+
+    number: int
+    law_id: int
+    source: str
 
 
 @dataclass
@@ -48,21 +58,27 @@ class Result:
     tries: list[Try] = field(default_factory=list)
     best: int = 0
     source: str = ""
+    model: str = ""  # the equations of which `plant` has the values
     plant: list[dict[str, Any]] = field(default_factory=list)
     why: str = ""
     swaps: int = 0
+    stops: int = 0
     stopped: bool = False
+    kind: str = "rms"
 
     @property
     def ratio(self) -> float:
-        """RMSE of the start over that of the best law; each as measured, the later perhaps with a larger amplitude."""
-        return score(self.tries[0].rmse_deg) / max(score(self.tries[self.best].rmse_deg), 1e-9)
+        """Score of the start over that of the best law; each as measured, the later perhaps with a larger amplitude."""
+        start, best = (score(self.tries[i].measured, self.kind) for i in (0, self.best))
+        return start / max(best, 1e-9)
 
 
 class Moves(Protocol):
     """The reference; see Streamer."""
 
-    def start(self, frequency_hz: float, share: float) -> None: ...
+    reference: Reference
+
+    def start(self, share: float) -> None: ...
 
     def go_on(self) -> int: ...
 
@@ -77,17 +93,6 @@ class Asked(Protocol):
     def ask(self, messages: list[dict[str, Any]]) -> Reply: ...
 
 
-def score(rmse_deg: list[float]) -> float:
-    """Of all joints: the smaller the better [deg]."""
-    return float(np.sqrt(np.mean(np.square(rmse_deg))))
-
-
-def better(new_deg: list[float], best_deg: list[float]) -> bool:
-    """All joints together, and no joint at the others' cost."""
-    worse = any(new > MOST_WORSE * old + FREE_DEG for new, old in zip(new_deg, best_deg, strict=True))
-    return score(new_deg) < LEAST_GAIN * score(best_deg) and not worse
-
-
 class Rounds:
     """Runs the loop once. `keep(name, text)` writes a law beside the transcript, `say` tells what happens."""
 
@@ -97,17 +102,19 @@ class Rounds:
         moves: Moves,
         model: Asked,
         goal: str,
-        frequency_hz: float,
         limits: Limits,
         say: Callable[..., None] = lambda kind, **what: None,
         keep: Callable[[str, str], str] = lambda name, text: "",
         source: str = "",
     ) -> None:
         self.link, self.moves, self.model, self.goal, self.limits = link, moves, model, goal, limits
-        self.frequency_hz, self._say, self._keep = frequency_hz, say, keep
-        self.share = min(1.0, limits.share)
-        self.result = Result(source=source)
-        self._best_id = 0
+        self._say, self._keep = say, keep
+        self._grows = moves.reference.grows and limits.score != "torque"
+        self.share = min(1.0, limits.share) if moves.reference.grows else 1.0
+        self._window_s = moves.reference.window_s(limits.window_s)
+        self.result = Result(source=source, kind=limits.score)
+        self._bests: list[Best] = []
+        self._running = 0  # what was last known to run
         self._motions: list[list[Motion]] = []
         self._seen = {source}
 
@@ -117,8 +124,8 @@ class Rounds:
         try:
             self._start()
             self._rounds()
-        except Stopped as stop:
-            result.why, result.stopped = str(stop), True
+        except (Lost, Stopped) as end:
+            result.why, result.stopped = str(end), True
         except LitheError as error:
             result.why = str(error)
         except KeyboardInterrupt:
@@ -126,30 +133,34 @@ class Rounds:
         self._end()
         return result
 
+    # ---- measuring
     def _start(self) -> None:
-        self.moves.start(self.frequency_hz, self.share)
-        rmse_deg, self._best_id = self._measured()
+        self.moves.start(self.share)
+        told = self._measured()
         self._identify()
-        self._note(Try(0, "start", "confirmed", share=self.share, rmse_deg=rmse_deg, kept=True))
+        self._bests = [Best(0, told.law_id, self.result.source)]
+        self._note(Try(0, "start", "confirmed", share=self.share, measured=told, kept=True))
 
     def _identify(self) -> None:
         """From the last measurements, whatever law ran in them."""
-        self.result.plant = identified(self.link.names, [list(each) for each in zip(*self._motions, strict=True)])
+        with self.link.alive():
+            self.result.model, self.result.plant = identified(self.link.names, self._motions, self.link.chain)
         self._say("identified", plant=self.result.plant)
 
-    def _measured(self) -> tuple[list[float], int]:
+    def _measured(self) -> Measured:
         """On the reference all the while: at rest, where a broken connection leaves the robot, every law is good."""
         for _ in range(MOST_WINDOWS):
             since_ns = self.moves.go_on()
-            rmse_rad, motions, law_id = self.link.measure(self.limits.window_s)
+            told, motions = self.link.measure(self._window_s)
             if self.moves.went_on(since_ns):
                 break
             self._say("not_measured", message="the reference ended meanwhile")
         else:
             raise LitheError(f"the reference ended in each of {MOST_WINDOWS} measurements: is the connection that bad?")
         self._motions = [*self._motions, motions][-MOST_MOTIONS:]
-        return [float(each) for each in np.degrees(rmse_rad)], law_id
+        return Measured.of(told, self.link.names)
 
+    # ---- rounds
     def _rounds(self) -> None:
         failures = 0
         for number in range(1, self.limits.rounds + 1):
@@ -159,87 +170,159 @@ class Rounds:
             if failures >= self.limits.failures:
                 self.result.why = f"{failures} generations in a row were no better"
                 return
-            one = self._generation(number)
-            self._note(one)
-            failures = 0 if one.kept else failures + 1
-            if one.kept:
-                self._grow()
+            kept = self._round(number)
+            failures = 0 if kept else failures + 1
         self.result.why = f"all {self.limits.rounds} rounds are over"
 
-    def _generation(self, number: int) -> Try:
+    def _round(self, number: int) -> bool:
+        """One generation, also one that stops the robot. Whether its law is the best now."""
         name = f"agent_{number:03}.cpp"
-        best = self.result.source, self.result.tries[self.result.best].rmse_deg
-        asked = prompt.messages(
-            self.goal, self.link.joints, self.link.rate_hz, self.result.plant, best, self.result.tries[1:]
-        )
+        try:
+            self._still_best()
+            one = self._generation(number, name)
+        except Stopped as stop:
+            one = Try(number, name, "stopped", str(stop), self.share)
+            self._come_back(stop, stop.by_law and self._running == self._bests[-1].law_id)
+        self._note(one)
+        if one.kept:
+            try:
+                self._grow()
+            except Stopped as stop:  # this motion is too much
+                self._grows, self.share = False, one.share
+                self._come_back(stop, stop.by_law)
+        return bool(self.result.tries[number].kept)
+
+    def _still_best(self) -> None:
+        """The best law runs. One that failed meanwhile, so that the Spine took it back, is the best no longer."""
+        self._running = self.link.law_id()
+        while self._bests[-1].law_id != self._running:
+            if self._running not in [each.law_id for each in self._bests[:-1]]:
+                raise LitheError(f"law {self._running} runs, which is none of this run: another client put it in")
+            self._demote("taken_back", self.link.taken_back())
+
+    def _demote(self, verdict: str, said: str) -> None:
+        """The law before the best one is the best again."""
+        gone = self._bests.pop()
+        shown = replace(self.result.tries[gone.number], verdict=verdict, said=said, kept=False)
+        self.result.tries[gone.number] = shown
+        self.result.best, self.result.source = self._bests[-1].number, self._bests[-1].source
+        self._say("demoted", **asdict(shown))
+
+    def _generation(self, number: int, name: str) -> Try:
         try:
             with self.link.alive():
-                answer = self.model.ask(asked)
+                answer = self.model.ask(self._messages())
             source, told = law_in(answer)
         except (ModelError, NoLaw) as error:
             return Try(number, name, error.kind, error.message, self.share)
         if source in self._seen:
             return Try(number, name, "repeated", "the same law was answered before; write another one", self.share)
+        self._still_best()  # a model thinks for long
         self._seen.add(source)
         self._say("proposed", name=name, sha256=self._keep(f"laws/{name}", source), mended=told)
         self.result.swaps += 1
-        before = self._best_id
+        before = self._bests[-1].law_id
         done = self.link.swap(source, name)
         if not done.runs:
             found = done.detail.get("diagnostics")
             seen = found if isinstance(found, list) else []
             return Try(number, name, done.verdict, done.said, self.share, diagnostics=seen)
+        self._running = done.law_id
         one = self._compared(number, name, done.law_id, before)
         if one.kept:
-            self.result.source, self.result.best, self._best_id = source, number, done.law_id
+            self._take_as_best(Best(number, done.law_id, source))
         else:
-            self._best_id = self.link.go_back_to(before, self.result.source, f"best_{number:03}.cpp")
+            self._back_to_best()
         return one
+
+    def _messages(self) -> list[dict[str, Any]]:
+        result = self.result
+        how = prompt.How(self.goal, self.moves.reference.words, result.kind)
+        plant = result.model, result.plant
+        best = result.source, result.tries[result.best].measured
+        return prompt.messages(how, self.link.joints, self.link.rate_hz, plant, best, result.tries[1:])
 
     def _compared(self, number: int, name: str, law_id: int, before: int) -> Try:
         """Measures the law that was committed, and waits for its verdict."""
         self.link.sleep(SETTLE_S)
-        rmse_deg: list[float] = []
+        told: Measured | None = None
         try:
-            rmse_deg, measured_id = self._measured()
+            told = self._measured()
             self._identify()
-            rmse_deg = rmse_deg if measured_id == law_id else []
-        except Stopped:
+        except (Stopped, Lost):
             raise
         except LitheError as error:  # it was taken back meanwhile
             self._say("not_measured", name=name, message=str(error))
         done = self.link.outcome(name, before)
-        if not done.runs or not rmse_deg or done.law_id != law_id:
-            return Try(number, name, done.verdict or "rolled_back", done.said, self.share, rmse_deg)
-        best_deg = self.result.tries[self.result.best].rmse_deg
-        kept = done.verdict == "confirmed" and better(rmse_deg, best_deg)
-        return Try(number, name, done.verdict, done.said, self.share, rmse_deg, kept)
+        told = told if told is not None and told.law_id == law_id else None
+        if not done.runs or told is None or done.law_id != law_id:
+            verdict = "taken_back" if done.verdict == "confirmed" else done.verdict or "rolled_back"
+            said = self.link.taken_back() if verdict in ("taken_back", "rolled_back") else done.said
+            return Try(number, name, verdict, said, self.share, told)
+        tries = self.result.tries
+        kept = done.verdict == "confirmed" and better(
+            told, tries[self.result.best].measured, tries[0].measured, self.result.kind
+        )
+        return Try(number, name, done.verdict, done.said, self.share, told, kept)
+
+    def _take_as_best(self, best: Best) -> None:
+        self._bests.append(best)
+        self.result.best, self.result.source = best.number, best.source
+
+    def _back_to_best(self) -> None:
+        best = self._bests[-1]
+        self._running = self.link.go_back_to(best.law_id, best.source, f"best_{best.number:03}.cpp")
+        self._bests[-1] = replace(best, law_id=self._running)
+
+    def _come_back(self, stop: Stopped, blamed: bool) -> None:
+        """The best law runs again and is measured again. `blamed`: it has stopped the robot itself, so it is the law
+        before it that does. Lost: no verb leads back, or the law at the start stops the robot, too.
+        """
+        for _ in range(MOST_STOPS):
+            self.result.stops += 1
+            self._say("stopped", message=str(stop), stop=stop.stop)
+            if not stop.mendable:
+                raise Lost(f"{stop}; this is for a person to look at")
+            if blamed and len(self._bests) > 1:
+                self._demote("stopped", str(stop))
+            best = self._bests[-1]
+            try:
+                self._running = self.link.come_back(best.law_id, best.source, f"best_{best.number:03}.cpp")
+                self._bests[-1] = replace(best, law_id=self._running)
+                self.moves.start(self.share)
+                self._measure_best()
+                return
+            except Stopped as again:
+                stop, blamed = again, again.by_law
+        raise Lost(f"the robot stopped {MOST_STOPS} times in a row: {stop}")
+
+    def _measure_best(self) -> None:
+        told = self._measured()
+        if told.law_id != self._bests[-1].law_id:
+            raise LitheError("the best law was replaced meanwhile by another client")
+        best = self.result.tries[self.result.best]
+        self.result.tries[self.result.best] = replace(best, share=self.share, measured=told)
 
     def _grow(self) -> None:
         """A larger amplitude after a better law, which is measured again: the next is compared on the same motion."""
-        share = grown(self.share, self.limits.growth)
+        share = grown(self.share, self.limits.growth) if self._grows else self.share
         if share <= self.share:
             return
-        self.moves.start(self.frequency_hz, share)
+        self.moves.start(share)
         self.share = share
-        rmse_deg, law_id = self._measured()
-        if law_id != self._best_id:
-            raise LitheError("the best law was replaced by another client while its amplitude grew")
-        best = self.result.tries[self.result.best]
-        grown_try = Try(best.number, best.name, best.verdict, best.said, share, rmse_deg, True)
-        self.result.tries[self.result.best] = grown_try
-        self._say("grown", share=share, rmse_deg=rmse_deg)
+        self._measure_best()
+        self._say("grown", **asdict(self.result.tries[self.result.best]))
 
     def _note(self, one: Try) -> None:
         self.result.tries.append(one)
-        self._say("generation", **vars(one))
+        self._say("generation", **asdict(one))
 
     def _end(self) -> None:
         """The best law runs, and the setpoint rests, whatever happened; not where another moves the robot now."""
         result = self.result
         try:
-            if result.tries and not self.link.gone:
-                self.link.go_back_to(self._best_id, result.source, "best.cpp")
+            if self._bests and not self.link.gone and not result.stopped:
+                self._end_on_best()
         except (LitheError, KeyboardInterrupt) as error:
             self._say("trouble", message=str(error))
             if not result.stopped:
@@ -249,4 +332,12 @@ class Rounds:
                 self.moves.stop()
         except (LitheError, KeyboardInterrupt) as error:
             self._say("trouble", message=str(error))
-        self._say("end", why=result.why, best=result.best, swaps=result.swaps)
+        self._say("end", why=result.why, best=result.best, swaps=result.swaps, stops=result.stops)
+
+    def _end_on_best(self) -> None:
+        try:
+            self._still_best()
+        except Stopped as stop:
+            self._come_back(stop, stop.by_law and self._running == self._bests[-1].law_id)
+        except LitheError:
+            self._back_to_best()

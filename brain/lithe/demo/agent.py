@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from lithe.agent import options, report
 from lithe.agent.link import Link
-from lithe.agent.reference import Streamer
+from lithe.agent.reference import Asked, Streamer, reference_of
 from lithe.agent.rounds import Limits, Rounds
 from lithe.errors import LitheError
 from lithe.identify import Arm, Motion, identify_arm, identify_joint, mgl_at_rest, torque_lag_s
@@ -291,15 +291,15 @@ class ModelAgent(Agent):
             elif kind == "committed":
                 tell(swap={"sent_ns": self.sent_ns, **what["certificate"]})
             elif kind == "generation":
-                tell(doing=f"tried generation {what['number']}: {what['verdict']}, RMSE {what['rmse_deg']} deg")
+                rms_deg = what["measured"]["rms_deg"] if what["measured"] else "not measured"
+                tell(doing=f"tried generation {what['number']}: {what['verdict']}, RMSE [deg] {rms_deg}")
 
         link = Link(self.remote, say)
         limits = Limits(self.args.rounds, self.args.swaps, self.args.failures, 1 / moves.FREQUENCY_HZ, 1.0)
         goal = f"track {moves.FREQUENCY_HZ} Hz with the least error"
         model = options.model_of(self.args, say)
-        result = Rounds(
-            link, Streamer(link), model, goal, moves.FREQUENCY_HZ, limits, say, transcript.keep, self.source
-        ).run()
+        streamer = Streamer(link, reference_of(self.joints, goal, Asked()))
+        result = Rounds(link, streamer, model, goal, limits, say, transcript.keep, self.source).run()
         path = report.write(result, transcript.folder, goal, self.args.model, self.names)
         transcript.close()
         tell(doing=f"wrote {path}: {result.why}")

@@ -54,7 +54,7 @@ from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
 from .lobby import Hello, Lobby
 from .measure import measured
-from .parts import parts_of, simulation_of
+from .parts import chain_of, parts_of, simulation_of
 from .past import Past
 from .peer import AWAY_S, Peer, Peers
 from .references import References
@@ -252,6 +252,7 @@ class Gateway:
                 }
                 for j, name in enumerate(names)
             ],
+            "chain": chain_of(robot_file),
             "sensors": sensors,
             "sensor_kinds": {name: kinds.get(name) for name in sensors},
             "simulation": simulation_of(robot_file),

@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ..errors import LitheError
 from ..files import read_regular
+from ..identify.chain import describe
 
 Table = dict[str, Any]
 WRONG = (OSError, ValueError, KeyError, TypeError, AttributeError)  # the file is gone, or another one by now
@@ -57,3 +60,11 @@ def simulation_of(robot_file: Path) -> Table | None:
         return None
     told = {"source": "simulated", "plant": plant, "buses": rates, "joints": joints, "defaults": DEFAULTS}
     return told if joints else None
+
+
+def chain_of(robot_file: Path) -> Table | None:
+    """What lithe.identify must know of a chain of links; None: the joints are none, or the file is no longer there."""
+    try:
+        return asdict(describe(robot_file))
+    except LitheError:
+        return None

@@ -141,4 +141,4 @@ def test_a_law_that_ran_before_runs_again_by_its_name(remote: Remote, robot: lit
     assert text["type"] == "text/x-c++src" and text["text"] == (ROOT / "laws/hold.cpp").read_text()
     assert remote.call("swap", source=text["text"], name="hold.cpp", probation_s=0)["law"] == "hold"
     with pytest.raises(Refused, match="law = 3"):
-        robot.call("activate", law=3)
+        robot.call("activate", law=[3])

@@ -61,7 +61,7 @@ def test_refusals_alarms_and_events_of_a_robot_name_verbs(remote: Remote) -> Non
     told: list[Any] = [remote.call("status"), remote.call("events"), remote.call("incidents")]
     assert "then: reset" in told[0]["alarms"][0]["text"]
     asked: list[tuple[str, dict[str, Any]]] = [
-        ("arm", {}), ("recover", {}), ("rollback", {"steps": 9}), ("activate", {"law": 3}), ("sim_reset", {}),
+        ("arm", {}), ("recover", {}), ("rollback", {"steps": 9}), ("activate", {"law": [3]}), ("sim_reset", {}),
         ("swap", {"source": "x", "shadow_s": 1}), ("incident", {"id": 999}),
     ]  # fmt: skip
     for verb, args in asked:
