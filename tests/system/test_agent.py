@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from calm import calm_robot, connected
+from inconclusive import inconclusive
 from lithe._wire import Mode
 from lithe.agent.transcript import broken_at
 from lithe.gateway import Gateway
@@ -111,6 +112,8 @@ def test_the_agent_meets_every_failure_and_keeps_the_best_law(tmp_path: Path) ->
     refused = {line["name"]: line for line in lines if line["kind"] == "refused"}
     for number, met in enumerate(ROUNDS, 1):
         one, name = tries[number], f"agent_{number:03}.cpp"
+        if one["verdict"] == "compile_starved":
+            inconclusive(one["said"])
         assert (one["verdict"], one["kept"]) == (met.verdict, met.kept), one
         assert refused.get(name, {}).get("detail", {}).get("stage", "") == met.stage, refused.get(name)
         if number < len(ROUNDS):
@@ -129,18 +132,31 @@ def test_the_agent_meets_every_failure_and_keeps_the_best_law(tmp_path: Path) ->
     assert "RMS error" in (folder / "report.md").read_text() and (folder / "best.cpp").exists()
 
 
-# Good for its probation; then it pushes with all that it has.
-PUSHES = law("u.torque_nm[j] = (++s.steps > 3000) ? 1.0 : 1.0 * e + 0.05 * de;", "pushes", "int steps = 0;")
+# Both laws fail far out; the second, once its probation is over, pushes there: so neither can take over from the other.
+FAR = "std::abs(t.position_rad[j]) > 2.6 ? std::sqrt(-1.0 - e * e) : "
+BRITTLE = law(f"u.torque_nm[j] = {FAR} 0.05 * e + 0.004 * de;", "brittle")
+PUSHES = law(f"u.torque_nm[j] = {FAR} (++s.steps > 3000) ? 1.0 : e + 0.05 * de;", "pushes", "int steps = 0;")
 
 
 def test_a_law_that_stops_the_robot_is_told_to_the_model_and_verbs_bring_the_robot_back(tmp_path: Path) -> None:
-    script = [fenced(PUSHES), {"hang": 2.5}, fenced(GOOD), fenced(GOOD)]
+    script = [fenced(PUSHES), {"hang": 2.5}, fenced(MIDDLING), fenced(GOOD)]
+    (tmp_path / "brittle.cpp").write_text(BRITTLE)
     with calm_robot() as rig, ModelServer(script) as server, connected() as robot:
-        robot.call("swap", source=WEAK, name="weak.cpp", probation_s=0.0)
+        robot.call("swap", source=BRITTLE, name="brittle.cpp", probation_s=0.0)
         gateway = Gateway(robot, token="sesame")
         gateway.start()
-        done, lines = run_agent(rig, gateway, server, tmp_path, "--rounds", "3")
+        more = ("--rounds", "3", "--law", str(tmp_path / "brittle.cpp"))
+        done, lines = run_agent(rig, gateway, server, tmp_path, *more)
         gateway.close()
-        status, events = robot.call("status"), robot.call("events", limit=200)["events"]
-    for each in events: print(each["kind"], each.get("text"), each.get("next"))
-    assert 0
+        status = robot.call("status")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert status["mode"] == "active" and status["law"] == "good"
+    [demoted] = [line for line in lines if line["kind"] == "demoted"]
+    assert demoted["number"] == 1 and demoted["verdict"] == "stopped" and not demoted["kept"]
+    verdicts = [line["verdict"] for line in lines if line["kind"] == "generation"]
+    assert verdicts == ["confirmed", "confirmed", "stopped", "confirmed"]
+    assert [line["verb"] for line in lines if line["kind"] == "way_back"][:3] == ["reset", "activate", "arm"]
+    told = prompt_after(server, 2)
+    part = told[told.index("- generation 1: ") :]
+    for words in ("stopped", "law_not_finite", "joint shoulder", "look for a division by 0", "generation 2"):
+        assert words in part, (words, part)

@@ -26,6 +26,7 @@ from .score import Measured, better, score
 MOST_WINDOWS = 10  # that a broken connection may spoil, one after the other
 MOST_MOTIONS = 6  # measurements that are identified together
 SETTLE_S = 0.4  # after a commit; the blend is over by then
+SAYS_NOTHING = ("compile_starved", "trial_starved")  # of the law: it may be answered again
 MOST_STOPS = 5  # one after the other, on the way back from the first
 
 
@@ -224,6 +225,8 @@ class Rounds:
         before = self._bests[-1].law_id
         done = self.link.swap(source, name)
         if not done.runs:
+            if done.verdict in SAYS_NOTHING:
+                self._seen.discard(source)
             found = done.detail.get("diagnostics")
             seen = found if isinstance(found, list) else []
             return Try(number, name, done.verdict, done.said, self.share, diagnostics=seen)
