@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calm import calm_robot, connected
+import pytest
+from calm import calm_robot, calm_text, connected
 from inconclusive import inconclusive
 from lithe._wire import Mode
 from lithe.agent.transcript import broken_at
@@ -16,6 +17,7 @@ from lithe.gateway import Gateway
 from lithe.heartbeat import Repeat
 from lithe.shm import SpineView
 from model_server import ModelServer, fenced, law, tool_call
+from system.simulated import running
 
 WEAK = law("u.torque_nm[j] = 0.05 * e + 0.004 * de;", "weak")
 MIDDLING = law("u.torque_nm[j] = 1.0 * e + 0.05 * de;", "middling")
@@ -160,3 +162,18 @@ def test_a_law_that_stops_the_robot_is_told_to_the_model_and_verbs_bring_the_rob
     part = told[told.index("- generation 1: ") :]
     for words in ("stopped", "law_not_finite", "joint shoulder", "look for a division by 0", "generation 2"):
         assert words in part, (words, part)
+
+
+def test_of_a_chain_the_coupled_model_reaches_the_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with running(calm_text(robot="chain"), monkeypatch) as (rig, robot), ModelServer(["no law"]) as server:
+        gateway = Gateway(robot, token="sesame")
+        gateway.start()
+        done, _ = run_agent(rig, gateway, server, tmp_path, "--rounds", "1", "--window", "4", "--goal", "be calm")
+        gateway.close()
+    assert done.returncode == 4 and "reference: sine 0.5 Hz, the default" in done.stdout, done.stdout + done.stderr
+    told = server.asked[0]["messages"][1]["content"]
+    assert "The joints are coupled" in told and '"be calm"' in told
+    found = [json.loads(json.loads(line[5:])) for line in told.splitlines() if "moment_kg_m" in line]
+    assert [one["joint"] for one in found] == ["shoulder", "elbow", "wrist"]
+    for one, moment_kg_m in zip(found, (0.1385, 0.0485, 0.0048), strict=True):  # of the file's links
+        assert abs(one["moment_kg_m"] - moment_kg_m) < 0.05 * moment_kg_m, one

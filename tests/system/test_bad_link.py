@@ -49,7 +49,7 @@ SCRIPT = [pd(1.0, 0.05, "better"), pd(0.5, 0.03, "worse"), pd(1.5, 0.05, "lost")
 CUTS = {
     ("", 3): "request", ("lease", 1): "waiting", ("set_reference", 1): "answer", ("reference", 2): "request",
     ("history", 2): "waiting", ("history", 5): "answer", ("history", 7): "ghost", ("status", 4): "answer",
-    ("swap", 1): "waiting", ("swap", 3): "request", ("swap", 4): "answer", ("rollback", 1): "waiting",
+    ("swap", 1): "waiting", ("swap", 3): "request", ("swap", 4): "answer", ("activate", 1): "waiting",
 }  # fmt: skip
 
 
