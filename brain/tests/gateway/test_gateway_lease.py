@@ -140,5 +140,17 @@ def test_a_law_that_ran_before_runs_again_by_its_name(remote: Remote, robot: lit
     text = remote.call("document", name=kept)
     assert text["type"] == "text/x-c++src" and text["text"] == (ROOT / "laws/hold.cpp").read_text()
     assert remote.call("swap", source=text["text"], name="hold.cpp", probation_s=0)["law"] == "hold"
-    with pytest.raises(Refused, match="law = 3"):
+    with pytest.raises(Refused, match=r"law = \[3\]"):
         robot.call("activate", law=[3])
+
+
+def test_of_two_laws_with_one_name_the_number_says_which_runs_again(remote: Remote, robot: lithe.Robot) -> None:
+    text = (ROOT / "laws/hold.cpp").read_text()
+    first, second = (
+        remote.call("swap", source=f"{text}// {number}\n", name="hold.cpp", probation_s=0)["law_id"]
+        for number in (1, 2)
+    )
+    assert remote.call("activate", law="hold")["law_id"] == second, "by name, the one that runs"
+    assert remote.call("activate", law=first)["law_id"] == first
+    with pytest.raises(Refused, match=f"no law {second} ran before this one"):
+        remote.call("activate", law=second)
