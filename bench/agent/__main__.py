@@ -4,8 +4,9 @@
 A robot follows a sine. In each round one block has an agent at the gateway, which reads, asks for history and checks
 laws without pause, and one has none; which comes first is drawn. Told of both: release jitter from the Spine's own
 histogram, and the shares of releases later than 1, 5, 20 and 100 us; their differences, and the ratio of the 99.9th
-percentiles, with 95 % intervals over the rounds. The negative control runs another busy thread on the Spine's core. Exit 0: no share grows by more than 0.1 %;
-1: one does, or the rounds do not decide it. Prints one JSON line, and on stderr ratio and verdict in words.
+percentiles, with 95 % intervals over the rounds. The negative control runs another busy thread on the Spine's core.
+Exit 0: no share grows by more than 0.1 %; 1: one does, or the rounds do not decide it. Prints one JSON line, and on
+stderr ratio and verdict in words.
 """
 
 from __future__ import annotations

@@ -289,9 +289,7 @@ VERBS = (
         "activate",
         "That law runs again, with its state; one of those that ran before and are still loaded (law_list).",
         Effect.stops,
-        args=(
-            ("law", {"description": "its name, or its law_id", "anyOf": [{"type": "string"}, {"type": "integer"}]}),
-        ),
+        args=(("law", {"description": "its name, or its law_id", "anyOf": [{"type": "string"}, {"type": "integer"}]}),),
         required=("law",),
         first=True,
         commands=("law activate",),

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+
 from bench.agent.__main__ import ratio_interval
 
 
