@@ -112,10 +112,12 @@ def test_the_agent_meets_every_failure_and_keeps_the_best_law(tmp_path: Path) ->
     assert status["mode"] == "active" and status["law"] == "good"
     tries = {line["number"]: line for line in lines if line["kind"] == "generation"}
     refused = {line["name"]: line for line in lines if line["kind"] == "refused"}
+    starved = ""
     for number, met in enumerate(ROUNDS, 1):
         one, name = tries[number], f"agent_{number:03}.cpp"
         if one["verdict"] == "compile_starved":
-            inconclusive(one["said"])
+            starved = one["said"]
+            continue
         assert (one["verdict"], one["kept"]) == (met.verdict, met.kept), one
         assert refused.get(name, {}).get("detail", {}).get("stage", "") == met.stage, refused.get(name)
         if number < len(ROUNDS):
@@ -132,6 +134,8 @@ def test_the_agent_meets_every_failure_and_keeps_the_best_law(tmp_path: Path) ->
     assert all(line["probation_s"] > 0 for line in lines if line["kind"] == "swap")
     [folder] = (tmp_path / "out").iterdir()
     assert "RMS error" in (folder / "report.md").read_text() and (folder / "best.cpp").exists()
+    if starved:
+        inconclusive(starved)
 
 
 # Both laws fail far out; the second, once its probation is over, pushes there: so neither can take over from the other.
@@ -168,7 +172,7 @@ def test_of_a_chain_the_coupled_model_reaches_the_model(tmp_path: Path, monkeypa
     with running(calm_text(robot="chain"), monkeypatch) as (rig, robot), ModelServer(["no law"]) as server:
         gateway = Gateway(robot, token="sesame")
         gateway.start()
-        done, _ = run_agent(rig, gateway, server, tmp_path, "--rounds", "1", "--window", "4", "--goal", "be calm")
+        done, _ = run_agent(rig, gateway, server, tmp_path, "--rounds", "1", "--window", "12", "--goal", "be calm")
         gateway.close()
     assert done.returncode == 4 and "reference: sine 0.5 Hz, the default" in done.stdout, done.stdout + done.stderr
     told = server.asked[0]["messages"][1]["content"]
