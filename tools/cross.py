@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Builds LITHE for 64-bit ARM and runs its C++ tests under QEMU: `make test-arm64` (docs/arm64.md).
 
-python tools/cross.py                all tests; --room guard: those of one room; --sysroot: only get the libraries
+python tools/cross.py                all tests, and the Spine with the maker's pi3hat library if LITHE_PI3HAT_DIR has it
+    --room guard: the tests of one room; --pi3hat: only the Spine with that library; --sysroot: only get the libraries
 Exit code: 0 when all pass, 1 when not, 77 and the reason when this machine has no cross compiler or no QEMU.
 """
 
@@ -199,11 +200,33 @@ def test(room: str, jobs: int) -> int:
     return min(done.returncode, 1)
 
 
+def pi3hat(jobs: int) -> int:
+    """Build the Spine with the maker's pi3hat library, from the sources that LITHE_PI3HAT_DIR names (ADR 13)."""
+    place, build = os.environ.get("LITHE_PI3HAT_DIR"), HOME / "pi3hat"
+    if not place:
+        print("arm64: pi3hat skipped: LITHE_PI3HAT_DIR names no folder with the maker's sources (docs/hardware.md)")
+        return SKIPPED
+    options = ["-DCMAKE_BUILD_TYPE=Release", "-DLITHE_TESTS=OFF", "-DLITHE_PI3HAT=ON"]
+    options.append(f"-DLITHE_PI3HAT_DIR={Path(place).resolve()}")
+    toolchain = ["-G", "Ninja", "--toolchain", str(ROOT / "cmake/aarch64.cmake"), "--log-level=WARNING"]
+    run(["cmake", "-S", str(ROOT), "-B", str(build), *toolchain, *options], "cmake with a pi3hat")
+    run(["cmake", "--build", str(build), "-j", str(jobs), "--target", "lithe-spine"], "the build with a pi3hat")
+    names = [str(build / "bin/lithe-spine"), str(next(build.rglob("liblithe_pi3hat_maker.so")))]
+    words = [f"{TRIPLE}-nm", "-CD"]
+    wanted, made = (subprocess.run([*words, name], capture_output=True, text=True, check=True).stdout for name in names)
+    cycle = "mjbots::pi3hat::Pi3Hat::Cycle("
+    if f"U {cycle}" not in wanted or f"T {cycle}" not in made:
+        raise Trouble(f"lithe-spine does not take {cycle}...) from the maker's library: {' '.join(names)}")
+    print(f"arm64: lithe-spine is linked with the maker's pi3hat library of {place}")
+    return 0
+
+
 def main() -> int:
     """Get what is missing, then build and test."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--room", default="", help="only the tests of this room")
     parser.add_argument("--sysroot", action="store_true", help="get the libraries, and build nothing")
+    parser.add_argument("--pi3hat", action="store_true", help="build the Spine with the maker's library, no tests")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     args = parser.parse_args()
     if lacking := missing():
@@ -212,7 +235,14 @@ def main() -> int:
         return SKIPPED
     try:
         get_sysroot()
-        return 0 if args.sysroot else test(args.room, args.jobs)
+        if args.sysroot:
+            return 0
+        if args.pi3hat:
+            return pi3hat(args.jobs)
+        code = test(args.room, args.jobs)
+        if not args.room:
+            pi3hat(args.jobs)
+        return code
     except Trouble as trouble:
         print(f"arm64: {trouble}", file=sys.stderr)
         return 1

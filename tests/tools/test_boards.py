@@ -16,7 +16,9 @@ from vm.verdict import Skipped, Verdict
 
 LINE = "isolcpus=managed_irq,domain,1,3 nohz_full=1"
 CPUS = {"spine": 1, "spine_core": {"isolation": "boot", "words": "isolated at boot (isolcpus)"}}
-ITEMS = [{"id": "spine_pinned", "state": "ok"}]
+NAMES = ("spine_pinned", "domain_isolation", "isolated_partition", *(f"item_{n}" for n in range(4, board_x.ITEMS + 1)))
+ITEMS = [{"id": name, "state": "ok"} for name in NAMES]
+SCRIPT = "".join(f"{name} ok\n" for name in NAMES)  # what the shell script says of the same machine
 IRQ = "/proc/irq/4/smp_affinity_list"
 
 
@@ -33,7 +35,8 @@ def tuned(**changes: Any) -> list[str]:
     right = {
         "cmdline": f"console=ttyS0 {LINE}",
         "isolated": "1,3",
-        "doctor": {"label": "A-v", "items": []},
+        "doctor": {"label": "A-v", "items": ITEMS},
+        "expected": SCRIPT,
         "doctor_beside": {"label": "A-v", "items": ITEMS},
         "status": {"cpus": CPUS},
         "threads": "Cpus_allowed_list:\t0\nCpus_allowed_list:\t1",
@@ -56,6 +59,10 @@ def test_a_board_that_is_as_it_must_be_passes() -> None:
     ("changes", "wrong"),
     [
         ({"doctor": {"label": "B-v", "missing": [{"id": "tickless", "words": "it ticks"}]}}, "tickless: it ticks"),
+        ({"expected": SCRIPT.replace("item_9 ok", "item_9 warn")}, "{'item_9': ('warn', 'ok')}"),
+        ({"expected": SCRIPT.replace("item_9 ok\n", "")}, "{'item_9': (None, 'ok')}"),
+        ({"doctor": {"label": "A-v", "items": ITEMS[1:]}}, "{'spine_pinned': ('ok', None)}"),
+        ({"doctor": {"label": "A-v", "items": []}, "expected": ""}, "0 items"),
         ({"doctor_beside": {"label": "D-v", "items": ITEMS}}, "beside a robot: tier D-v"),
         ({"cmdline": "console=ttyS0"}, "not booted with"),
         ({"isolated": ""}, "isolated:"),
@@ -71,14 +78,16 @@ def test_a_board_that_is_otherwise_fails_with_the_reason(changes: dict[str, Any]
     assert any(wrong in sentence for sentence in tuned(**changes)), tuned(**changes)
 
 
-def partition(tier: str) -> list[str]:
-    """What is wrong with the boot without isolcpus, when the doctor ends with this tier."""
-    seen = {"items": [{"id": name, "state": "ok"} for name in ("domain_isolation", "isolated_partition")]}
+def partition(tier: str, script: str = SCRIPT) -> list[str]:
+    """What is wrong with the boot without isolcpus, when the doctor ends with this tier, and the script says this."""
     right = {
         "isolated": "",
-        "doctor_before": {"label": "D-v"},
-        "doctor_partition": {"label": "B-v"} | seen,
-        "doctor_tuned": {"label": tier},
+        "doctor_before": {"label": "D-v", "items": ITEMS},
+        "doctor_partition": {"label": "B-v", "items": ITEMS},
+        "doctor_tuned": {"label": tier, "items": ITEMS},
+        "expected_before": SCRIPT,
+        "expected_partition": SCRIPT,
+        "expected_tuned": script,
         "status": {"cpus": {"spine": 1, "spine_core": {"isolation": "cpuset"}}},
         "settings": f"{IRQ} 0-3",
         "apply": {"steps": [{"kind": "setting", "path": IRQ, "outcome": "done"}]},
@@ -92,6 +101,43 @@ def partition(tier: str) -> list[str]:
 def test_a_partition_is_tier_b_and_nothing_else() -> None:
     assert partition("B-v") == []
     assert [tier for tier in ("A-v", "C-v", "D-v", "B") if partition(tier)] == ["A-v", "C-v", "D-v", "B"]
+    assert partition("B-v", SCRIPT.replace("item_9 ok", "item_9 fail"))
+
+
+def one_core(**changes: Any) -> list[str]:
+    """What is wrong with the boot with one core."""
+    right = {
+        "online": "0",
+        "doctor": {"label": "D-v", "items": ITEMS},
+        "expected": SCRIPT,
+        "refused_plan": {"error": {"message": "this machine has one core: ...", "next": "nothing to tune"}},
+        "refused_shield": "no shield: the Spine has no core of its own here",
+        "status": {"cpus": {"spine": 0}},
+        "settings": f"{IRQ} 0",
+        "settings_after": f"{IRQ} 0",
+    }
+    verdict = Verdict("x")
+    board_x.judge_one_core(verdict, steps(**right | changes))
+    return verdict.wrong
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"online": "0-3"},
+        {"doctor": {"label": "B-v", "items": ITEMS}},
+        {"expected": SCRIPT.replace("item_9 ok", "item_9 fail")},
+        {"refused_plan": {"error": {"message": "this machine has one core", "next": "lithe tune plan --cores 1"}}},
+        {"refused_plan": {"changes": []}},
+        {"refused_shield": "robot arm runs"},
+        {"status": {}},
+        {"settings_after": f"{IRQ} 1"},
+        {"settings": "", "settings_after": ""},
+    ],
+)
+def test_on_one_core_all_that_cannot_be_is_refused_and_a_robot_runs(changes: dict[str, Any]) -> None:
+    assert one_core() == []
+    assert len(one_core(**changes)) == 1
 
 
 LAWS = ("constant_torque", "gravity_pd", "hold", "impedance", "lqr", "pd", "reflex")
@@ -108,19 +154,35 @@ RIGHT: dict[str, Any] = {
     "brain": {"seen_rad": [0.31, -0.28, 0.0], "mode": "active"},
     "stop": {"code": 0},
     "kernel": {"machine": "aarch64", "cores": 4},
-    "tests": {"failures": [], "tests": {"ipc_tests": {"passed": 5, "failed": 0, "skipped": 1}}},
+    "tests": {
+        "failures": [],
+        "tests": {name: {"passed": least, "failed": 0, "skipped": 1} for name, least in board_systems.TESTS.items()},
+        "skipped_because": [*board_systems.SKIPS],
+    },
+    "stress": {"rooms": {room: {"code": 0, "passed": [5] * on_board.REPEATS} for room in board_systems.races()}},
     "refused": {
-        "laws": {"x": {"refused": "trial_failed", "wanted": ["trial_failed"]}},
+        "laws": {law: {"refused": "trial_failed", "wanted": ["trial_failed"]} for law in on_board.REFUSED},
         "same_spine": True,
         "mode": "active",
     },
     "contained": {
-        "laws": {str(number): {"as_said": True, "kinds": []} for number in range(4)},
+        "laws": {law: {"as_said": True, "kinds": [], "wanted": "clamp"} for law in on_board.CONTAINED},
         "same_spine": True,
         "mode": "active",
     },
-    "demo": {"verdict": "INCONCLUSIVE", "stopped": None, "swaps": [1]},
+    "demo": {
+        "verdict": "falls_short",
+        "falls_short": ["in the run 11 of 100 releases were missed (11.00%), 0 of these while the machine had ..."],
+        "stopped": None,
+        "swaps": [1, 2, 3, 4, 5],
+    },
 }
+
+
+def but(step: str, part: str, key: str, value: Any) -> dict[str, Any]:
+    """What a step of RIGHT tells, with another value for a key of a part of it; without that key for None."""
+    told = {**RIGHT[step][part], key: value}
+    return {step: RIGHT[step] | {part: {name: each for name, each in told.items() if each is not None}}}
 
 
 def system(changes: dict[str, Any], code: int = 0) -> list[str]:
@@ -151,11 +213,22 @@ def test_a_system_on_which_all_works_passes() -> None:
         {"brain": {"seen_rad": [0.0, 0.01, 0.0], "mode": "active"}},
         {"stop": {"code": 3}},
         {"kernel": {"machine": "x86_64", "cores": 4}},
-        {"tests": {"failures": ["Ring.Holds"], "tests": {}}},
-        {"refused": RIGHT["refused"] | {"laws": {"x": {"refused": "committed", "wanted": ["trial_failed"]}}}},
-        {"contained": RIGHT["contained"] | {"laws": {}}},
+        {"tests": RIGHT["tests"] | {"failures": ["Ring.Holds"]}},
+        {"tests": RIGHT["tests"] | {"skipped_because": ["it is Monday"]}},
+        but("tests", "tests", "ipc_tests", {"passed": 1, "failed": 0, "skipped": 50}),
+        but("tests", "tests", "law_tests", None),
+        but("stress", "rooms", "law", None),
+        but("stress", "rooms", "ipc", {"code": 1, "passed": [5] * 9}),
+        but("stress", "rooms", "ipc", {"code": 0, "passed": [5] * 9}),
+        but("stress", "rooms", "ipc", {"code": 0, "passed": [0] * on_board.REPEATS}),
+        but("refused", "laws", "nan_always", {"refused": "committed", "wanted": ["trial_failed"]}),
+        but("refused", "laws", "nan_always", None),
+        but("contained", "laws", "nan_delayed", {"as_said": False, "kinds": [], "wanted": "not_finite"}),
+        but("contained", "laws", "nan_delayed", None),
         {"contained": RIGHT["contained"] | {"mode": "safe_stop"}},
         {"demo": {"verdict": None, "stopped": None, "swaps": None}},
+        {"demo": RIGHT["demo"] | {"inconclusive": ["the frozen Brain was silent for 0.10 s only"]}},
+        {"demo": RIGHT["demo"] | {"swaps": [1, 2]}},
     ],
 )
 def test_a_system_on_which_something_does_not_fails(changes: dict[str, Any]) -> None:
@@ -171,13 +244,21 @@ def test_a_step_that_failed_or_never_ended_is_named() -> None:
 
 
 def test_a_hostile_law_ends_as_its_header_says_or_is_reported() -> None:
-    ran_on: dict[str, Any] = {"kinds": [], "refused": "", "stopped": ""}
-    assert on_board.as_said("bad_access", ran_on | {"kinds": ["bad_access"]})
-    assert on_board.as_said("bad_access", ran_on | {"refused": "dry_run_failed: bad_access"})
-    assert not on_board.as_said("bad_access", ran_on)
-    assert not on_board.as_said("bad_access", ran_on | {"kinds": ["overran"]})
-    assert on_board.as_said("clamp", ran_on)
-    assert not on_board.as_said("clamp", ran_on | {"kinds": ["bad_access"]})
+    ran_on: dict[str, Any] = {"kinds": [], "refused": "", "stopped": "", "clamped": 0}
+
+    def well(want: str, machine: str = "x86_64", **fate: Any) -> bool:
+        return on_board.as_said(want, ran_on | fate, machine)
+
+    assert well("bad_access", kinds=["bad_access"])
+    assert not well("bad_access")
+    assert not well("bad_access", kinds=["overran"])
+    assert not well("bad_access", kinds=["tracking_lost"]), "its probation was faster: that shows nothing"
+    assert not well("bad_access", refused="dry_run_failed: bad_access"), "it never ran"
+    assert well("clamp", clamped=3) and well("clamp", clamped=3, kinds=["tracking_lost"])
+    assert not well("clamp"), "the guard had nothing to limit"
+    assert not well("clamp", clamped=3, kinds=["bad_access"])
+    assert well("arithmetic", kinds=["arithmetic"]) and not well("arithmetic")
+    assert well("arithmetic", "aarch64") and not well("arithmetic", "aarch64", kinds=["arithmetic"])
     for name in on_board.REFUSED:
         assert on_board.header(ROOT / f"tests/laws_hostile/{name}.cpp", "stopped-by") in on_board.STAGES
     for name in on_board.CONTAINED:

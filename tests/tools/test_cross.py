@@ -85,3 +85,11 @@ def test_a_package_cut_short_is_an_error_that_names_it(tmp_path: Path) -> None:
 def test_skipped_tests_are_counted_by_their_own_words(tmp_path: Path) -> None:
     (tmp_path / "arm64.xml").write_text(REPORT)
     assert cross.reasons(tmp_path / "arm64.xml") == Counter({"this kernel has no such gate": 1, "disabled": 1})
+
+
+def test_without_the_makers_sources_the_pi3hat_is_skipped_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("LITHE_PI3HAT_DIR", raising=False)
+    assert cross.pi3hat(jobs=1) == cross.SKIPPED
+    assert capsys.readouterr().out.startswith("arm64: pi3hat skipped: LITHE_PI3HAT_DIR names no folder")

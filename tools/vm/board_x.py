@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Board x: Debian's kernel for PCs, four cores, booted twice: with the line that `lithe tune` wrote, and without."""
+"""Board x: Debian's kernel for PCs, booted with four cores and the line of `lithe tune`, with four, and with one."""
 
 import hashlib
 import json
@@ -13,8 +13,12 @@ from vm.machine import BIN, HOME, LITHE, ROOT, Cargo, Kernel, Step, changed
 from vm.verdict import Skipped, Verdict, document
 
 PACKAGE = "linux-image-amd64"
-SCRIPT, PARTITION = (Path(__file__).with_name(name) for name in ("board_x.sh", "board_x_partition.sh"))
+NAMES = ("board_x.sh", "board_x_partition.sh", "board_x_one_core.sh")
+SCRIPT, PARTITION, ONE_CORE = (Path(__file__).with_name(name) for name in NAMES)
 CORES = "1,3"  # the robot's
+DOCTOR = ROOT / "tests/system/doctor_expected.sh"  # every item of the doctor once more, read by a shell script
+ITEMS = 37
+REFUSED = {"refused-plan": 1, "refused-shield": 1}  # steps that must end so
 # An interrupt that does not come is not moved away at run time: the kernel moves it when it comes.
 QUIET = "irqaffinity=0"
 PROFILES = ROOT / "host/boards"  # `lithe tune` looks for them beside its own folder
@@ -101,6 +105,16 @@ def states(diagnosis: dict[str, Any]) -> dict[str, str]:
     return {item["id"]: item["state"] for item in diagnosis.get("items", [])}
 
 
+def expect_items(verdict: Verdict, name: str, diagnosis: dict[str, Any], script: str) -> None:
+    """Each item of a diagnosis is as the shell script says: a line `ID STATE` for each."""
+    wanted = dict(line.split() for line in script.splitlines() if len(line.split()) == 2)
+    told = states(diagnosis)
+    wrong = {item: (wanted.get(item), told.get(item)) for item in wanted.keys() | told.keys()}
+    wrong = {item: each for item, each in wrong.items() if each[0] != each[1]}
+    sentence = f"{name}: {len(told)} items of {ITEMS}; those that are otherwise (expected, reported): {wrong}"
+    verdict.expect(len(told) == len(wanted) == ITEMS and not wrong, sentence)
+
+
 def missing(diagnosis: dict[str, Any]) -> str:
     """What the doctor says is missing for the next tier."""
     return "; ".join(f"{each['id']}: {each['words']}" for each in diagnosis.get("missing", []))
@@ -132,6 +146,7 @@ def judge_tuned(verdict: Verdict, steps: dict[str, Step], line: str, original: d
     for name, each in (("before a robot runs", told), ("beside a robot", beside)):
         label = each.get("label")
         verdict.expect(label == "A-v", f"doctor {name}: tier {label}, not A-v; missing: {missing(each)}")
+    expect_items(verdict, "doctor", told, steps["expected"].text)
     verdict.expect(states(beside).get("spine_pinned") == "ok", "doctor beside a robot: the Spine is not pinned")
     cpus = document(steps, "status").get("cpus", {})
     core = cpus.get("spine_core", {})
@@ -153,7 +168,7 @@ def judge_tuned(verdict: Verdict, steps: dict[str, Step], line: str, original: d
     verdict.facts |= {"label": told.get("label"), "label_beside_a_robot": beside.get("label"), "cpus": cpus}
     verdict.lines.append(
         f"isolation: tier {told.get('label')} with cores {steps['isolated'].text.strip()} isolated, Spine on core "
-        f"{cpus.get('spine')} ({core.get('words')})"
+        f"{cpus.get('spine')} ({core.get('words')}); all {ITEMS} items of the doctor as a shell script reads them"
     )
     verdict.facts["settings_given_back"] = count
 
@@ -163,6 +178,8 @@ def judge_partition(verdict: Verdict, steps: dict[str, Step]) -> None:
     labels = {name: document(steps, f"doctor-{name}").get("label") for name in ("before", "partition", "tuned")}
     verdict.expect(steps["isolated"].text.strip() == "", f"isolated at boot: {steps['isolated'].text.strip()}")
     verdict.expect(labels["before"] in ("C-v", "D-v"), f"nothing is isolated, and the doctor says {labels['before']}")
+    for name in labels:
+        expect_items(verdict, name, document(steps, f"doctor-{name}"), steps[f"expected-{name}"].text)
     for name in ("partition", "tuned"):
         told = document(steps, f"doctor-{name}")
         verdict.expect(labels[name] == "B-v", f"{name}: tier {labels[name]}, not B-v; missing: {missing(told)}")
@@ -180,11 +197,28 @@ def judge_partition(verdict: Verdict, steps: dict[str, Step]) -> None:
     )
 
 
+def judge_one_core(verdict: Verdict, steps: dict[str, Step]) -> None:
+    """The boot with one core: nothing can be kept free there, that is said, and a robot runs all the same."""
+    told, plan = document(steps, "doctor"), document(steps, "refused-plan").get("error", {})
+    verdict.expect(steps["online"].text.strip() == "0", f"one core: online are {steps['online'].text.strip()}")
+    expect_items(verdict, "one core", told, steps["expected"].text)
+    label, shield = told.get("label"), steps["refused-shield"].text
+    verdict.expect(label in ("C-v", "D-v"), f"one core: tier {label}")
+    advised = "one core" in plan.get("message", "") and "--cores" not in plan.get("next", "--cores")
+    verdict.expect(advised, f"one core: `lithe tune plan` says {plan}")
+    verdict.expect("has no core of its own here" in shield, f"one core: `lithe run --shield` says {shield}")
+    spine = document(steps, "status").get("cpus", {}).get("spine")
+    verdict.expect(spine == 0, f"one core: the Spine is on core {spine}")
+    before, after = settings(steps, "settings"), settings(steps, "settings-after")
+    verdict.expect(bool(before) and before == after, f"one core: settings were {before}, and are {after}")
+    verdict.facts["label_with_one_core"] = label
+
+
 def run(verdict: Verdict, cache: Path, _only: str) -> None:
-    """Plan, apply, boot, look, give back; then the boot with a partition."""
+    """Plan, apply, boot, look, give back; then the boots with a partition and with one core."""
     kernel = kernel_of(PACKAGE, machine.AMD64, cache)
     verdict.kernel = f"Debian {kernel.release}, 4 cores"
-    programs = need(LITHE)
+    programs = (*need(LITHE), Path(shutil.which("bash") or "/bin/bash"))
     image = cache / "image"
     make_image(image, kernel)
     original = content(image)
@@ -194,25 +228,29 @@ def run(verdict: Verdict, cache: Path, _only: str) -> None:
     tune("apply", image, "--cores", CORES)
     line = boot_line(image)
     robot = changed((ROOT / "robots/arm.toml").read_text(), PATIENCE | LAW).encode()
+    both = {"robot.toml": robot, DOCTOR.name: DOCTOR.read_bytes()}
     profiles = {f"{HOME}/share/lithe/boards/{each.name}": each.read_bytes() for each in PROFILES.glob("*.toml")}
-    tuned = {**content(image), **profiles, "robot.toml": robot}
+    tuned = {**content(image), **profiles, **both}
     tune("revert", image)
     verdict.expect(content(image) == original, "`lithe tune revert` has not given the image's bytes back")
     verdict.facts["boot_line"] = line
     boots = (
         (SCRIPT, Cargo(SCRIPT, programs, tuned, cores=4, options=line)),
-        (PARTITION, Cargo(PARTITION, programs, {"robot.toml": robot}, cores=4, options=QUIET)),
+        (PARTITION, Cargo(PARTITION, programs, both, cores=4, options=QUIET)),
+        (ONE_CORE, Cargo(ONE_CORE, programs, both, cores=1)),
     )
     said = {}
     for script, cargo in boots:
         said[script] = machine.boot(kernel, cargo, cache)
         (cache / f"{script.stem}.log").write_text(said[script])
-        verdict.expect_steps(machine.wrong_steps(said[script], script), script.stem, said[script])
+        verdict.expect_steps(machine.wrong_steps(said[script], script, REFUSED), script.stem, said[script])
     if verdict.wrong:
         return
     judge_tuned(verdict, machine.steps(said[SCRIPT]), line, original)
     judge_partition(verdict, machine.steps(said[PARTITION]))
+    judge_one_core(verdict, machine.steps(said[ONE_CORE]))
     verdict.lines.append(
         f"tune revert: {len(original)} files of the image as before to the byte, on the board "
-        f"{verdict.facts['settings_given_back']} and {verdict.facts['settings_given_back_with_a_partition']} settings"
+        f"{verdict.facts['settings_given_back']} and {verdict.facts['settings_given_back_with_a_partition']} settings; "
+        f"one core: tier {verdict.facts['label_with_one_core']}, plan and shield refused with the reason, a robot runs"
     )

@@ -12,11 +12,14 @@ enter() { echo $$ >$1/cgroup.procs; }
 
 step isolated cat /sys/devices/system/cpu/isolated
 step doctor-before told lithe --json doctor --cpu 1
+step expected-before bash /doctor_expected.sh 1
 step settings settings
 step partition partition
 step doctor-partition told lithe --json doctor --cpu 1
+step expected-partition bash /doctor_expected.sh 1
 step apply told lithe --json tune apply --cores 1
 step doctor-tuned told lithe --json doctor --cpu 1
+step expected-tuned bash /doctor_expected.sh 1
 step enter enter $group
 lithe run /robot.toml --no-arm >/tmp/run.log 2>&1 &
 robot=$!

@@ -21,8 +21,8 @@ LITHE = ("lithe", "lithe-sim", "lithe-spine", "lithe-spine-sim", "lithe-trial", 
 STEPS = Path(__file__).with_name("steps.sh")  # the words of such scripts
 SKIPPED = 77
 APPLETS = (
-    "cat", "cp", "echo", "find", "grep", "insmod", "ip", "ls", "md5sum", "mkdir", "mount", "poweroff", "rm", "sed",
-    "seq", "sh", "sleep", "sort", "taskset", "touch", "uname", "xargs",
+    "cat", "cp", "dirname", "echo", "find", "grep", "insmod", "ip", "ln", "ls", "md5sum", "mkdir", "mount", "poweroff",
+    "rm", "sed", "seq", "sh", "sleep", "sort", "stat", "taskset", "touch", "tr", "uname", "wc", "xargs",
 )  # fmt: skip
 # Where things are in the machine: a Debian system may be in front of ours, and its /bin and /lib are links.
 HOME, TOOLS = "lithe", "lab"
@@ -32,6 +32,7 @@ mount -t proc none /proc
 mount -t sysfs none /sys
 mount -t devtmpfs none /dev
 mkdir -p /dev/shm
+ln -s /proc/self/fd /dev/fd
 mount -t tmpfs none /dev/shm
 echo "vm: up" # on the line on which the firmware has left off
 ip link set lo up

@@ -22,8 +22,7 @@ BIN = HOME / "bin"
 START_S, TEST_S = 600.0, 300.0
 # A busy computer gives the compiler less time than it may take; lawd then says how long it had.
 ATTEMPTS, STARVED = 4, "s of the processor in"
-# Laws are compiled for half a minute each on a busy computer: no further one is begun after this time.
-HOSTILE_S = 150.0
+REPEATS, REPEATED_S = 10, 600.0  # of the tests whose threads race
 PROBATION = {"tracking_lost", "guard_busy", "guard_stopped", "chattering", "oscillating"}
 # A trial begins with the dry run.
 STAGES = {"compile": ["compile_failed"], "admission": ["admission_failed"], "trial": ["trial_failed", "dry_run_failed"]}
@@ -33,7 +32,8 @@ CONTAINED = (
     "asm_syscall", "divides_delayed", "chatters_delayed", "writes_everywhere_delayed", "slow_delayed",
     "full_torque_delayed", "flips_delayed", "stiffens_delayed",
 )  # fmt: skip
-# A law goes bad after its first ticks, not before: else the Loader's dry steps would meet it, not the tick.
+# A law goes bad 0.05 s after its first tick, not before: else the Loader's dry steps would meet it, not the tick.
+GOOD_TICKS = 13  # of that time, at 250 Hz
 LATER = """
 struct Later {
   using Params = Hostile::Params;
@@ -131,8 +131,11 @@ def kernel() -> dict[str, Any]:
 
 
 def doctor() -> dict[str, Any]:
-    """As it is; below tier B it ends with 1."""
-    return BOARD.lithe("doctor", codes=(0, 1))
+    """As it is, and what a shell script reads; below tier B it ends with 1. No robot may run yet."""
+    told = BOARD.lithe("doctor", codes=(0, 1))
+    words = ["bash", str(HOME / "doctor_expected.sh"), str(told["cpu"])]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    return told | {"expected": done.stdout}
 
 
 def names_of(program: Path) -> list[str]:
@@ -172,8 +175,26 @@ def tests() -> dict[str, Any]:
         counts[program.name] = {kind: kinds.count(kind) for kind in ("passed", "failed", "skipped")}
         failures += [why for kind, why in ended if kind == "failed"]
         reasons |= {why for kind, why in ended if kind == "skipped"}
-    assert counts, "no test program is here"
     return {"tests": counts, "failures": failures, "skipped_because": sorted(reasons)}
+
+
+def stress() -> dict[str, Any]:
+    """The tests whose threads race, several times: one line of the file `stress` for each room, ROOM FILTER."""
+    ends: dict[str, Any] = {}
+    for room, filter_ in (line.split() for line in (HOME / "stress").read_text().splitlines()):
+        started = time.monotonic()
+        words = [
+            str(BIN / f"{room}_tests"),
+            f"--gtest_filter={filter_}",
+            f"--gtest_repeat={REPEATS}",
+            "--gtest_color=no",
+        ]
+        done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False, timeout=REPEATED_S)
+        passed = [int(count) for count in re.findall(r"(?m)^\[  PASSED  \] (\d+) tests?", done.stdout)]
+        ends[room] = {"code": done.returncode, "passed": passed, "took_s": round(time.monotonic() - started, 1)}
+        if done.returncode != 0:
+            ends[room]["said"] = (done.stdout + done.stderr)[-1500:]
+    return {"rooms": ends}
 
 
 def robot() -> dict[str, Any]:
@@ -246,11 +267,13 @@ def later(text: str) -> str:
 
 
 def fate_of(link: Any, faults: Any, law: Path, look_s: float) -> dict[str, Any]:
-    """What became of a law that nothing stops before the tick."""
-    from lithe._wire import LawFaultKind
+    """What became of a law that nothing stops before the tick. `clamped`: bad ticks of it that the guard limited."""
+    from lithe._wire import LawFaultKind, TelemetryFlags
     from lithe.errors import Refused
 
-    fate: dict[str, Any] = {"kinds": [], "refused": "", "stopped": ""}
+    limited = TelemetryFlags.torque_clamped | TelemetryFlags.slew_clamped | TelemetryFlags.velocity_clamped
+    fate: dict[str, Any] = {"kinds": [], "refused": "", "stopped": "", "clamped": 0}
+    ticks = link.spine.telemetry()
     try:
         done = link.swap(later(law.read_text()), name=law.name)
     except Refused as error:
@@ -258,6 +281,9 @@ def fate_of(link: Any, faults: Any, law: Path, look_s: float) -> dict[str, Any]:
     end = time.monotonic() + look_s
     while not fate["kinds"] and not fate["stopped"] and time.monotonic() < end:
         time.sleep(0.01)
+        seen = ticks.drain()
+        bad = (seen["law_id"] == done["law_id"]) & (seen["tick"] > done["commit_tick"] + GOOD_TICKS)
+        fate["clamped"] += int((bad & ((seen["flags"] & limited) != 0)).sum())
         for record in faults.drain():
             if int(record["request_id"]) == done["request_id"]:
                 fate["kinds"].append(LawFaultKind(int(record["kind"])).name)
@@ -281,14 +307,28 @@ def repair(link: Any) -> None:
     assert (status["mode"], status["law"]) == ("active", "pd"), status
 
 
-def as_said(want: str, fate: dict[str, Any]) -> bool:
-    """Whether a law ended as its header says."""
+def as_said(want: str, fate: dict[str, Any], machine: str) -> bool:
+    """Whether a law ran, and ended as its header says: the fault that it names, or limited by the guard."""
     kinds = set(fate["kinds"])
+    if fate["refused"]:
+        return False
     if want == "clamp":
-        return bool(fate["stopped"]) or (not fate["refused"] and kinds <= PROBATION)
-    if want == "arithmetic" and os.uname().machine == "aarch64" and not kinds:
-        return True  # this processor divides by zero, and gets 0
-    return fate["refused"].startswith("dry_run_failed") or (len(kinds) == 1 and kinds <= {want} | PROBATION)
+        return fate["clamped"] > 0 and (bool(fate["stopped"]) or kinds <= PROBATION)
+    if want == "arithmetic" and machine == "aarch64":
+        return kinds <= PROBATION  # this processor divides by zero, and gets 0: the arm hangs loose
+    return bool(fate["kinds"] == [want])
+
+
+def fate_in_the_end(link: Any, faults: Any, law: Path, want: str) -> dict[str, Any]:
+    """What became of it. Where only its probation failed, or nothing was seen, it is tried again, up to ATTEMPTS."""
+    fate: dict[str, Any] = {}
+    for attempt in range(1, ATTEMPTS + 1):
+        fate = fate_of(link, faults, law, 3.0 if want in ("clamp", "arithmetic") else 15.0)
+        fate |= {"wanted": want, "as_said": as_said(want, fate, os.uname().machine), "attempts": attempt}
+        repair(link)
+        if fate["as_said"] or not PROBATION.issuperset(fate["kinds"]):
+            break
+    return fate
 
 
 def contained() -> dict[str, Any]:
@@ -299,7 +339,6 @@ def contained() -> dict[str, Any]:
 
     ends: dict[str, Any] = {}
     over = threading.Event()
-    begun = time.monotonic()
     with lithe.connect() as link:
 
         def move() -> None:
@@ -312,18 +351,12 @@ def contained() -> dict[str, Any]:
         try:
             faults = RingCursor(link.spine.mapping, "law_faults")
             for law in (HOME / f"tests/laws_hostile/{name}.cpp" for name in CONTAINED):
-                if time.monotonic() - begun > HOSTILE_S:
-                    break
-                want = header(law, "without-gates")
-                fate = fate_of(link, faults, law, 3.0 if want == "clamp" else 15.0)
-                ends[law.stem] = fate | {"wanted": want, "as_said": as_said(want, fate)}
-                repair(link)
+                ends[law.stem] = fate_in_the_end(link, faults, law, header(law, "without-gates"))
         finally:
             over.set()
             mover.join()
         after = link.status()
-    same = after["spine_pid"] == status["spine_pid"]
-    return {"laws": ends, "of": len(CONTAINED), "same_spine": same, "mode": after["mode"], "lost": after["lost"]}
+    return {"laws": ends, "same_spine": after["spine_pid"] == status["spine_pid"], "mode": after["mode"]}
 
 
 def stop() -> dict[str, Any]:
@@ -346,7 +379,7 @@ def demo() -> dict[str, Any]:
 
 
 STEPS: dict[str, Callable[[], dict[str, Any]]] = {
-    step.__name__: step for step in (kernel, doctor, tests, robot, swaps, brain, refused, contained, stop, demo)
+    step.__name__: step for step in (kernel, doctor, tests, stress, robot, swaps, brain, refused, contained, stop, demo)
 }
 
 

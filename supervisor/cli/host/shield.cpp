@@ -127,6 +127,9 @@ host::Target target_of(const TuneWords& words) {
   target.program = program_of(target);
   const bool known =
       std::includes(target.all_cores.begin(), target.all_cores.end(), target.cores.begin(), target.cores.end());
+  if (target.all_cores.size() < 2)
+    throw control::Refusal{"usage", "this machine has one core: none can be kept free for a robot",
+                           "nothing to tune: `lithe run` works there, and shares the core"};
   if (target.cores.empty() || !known || target.cores.size() == target.all_cores.size()) {
     throw control::Refusal{"usage",
                            words.cores.empty() ? "this machine has no core to spare for a robot"
