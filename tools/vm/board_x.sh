@@ -4,6 +4,7 @@
 running() { grep -q '"spine_core"' "$1"; }
 threads() { grep Cpus_allowed_list /proc/$(sed -n 's/^ *"spine_pid": \([0-9]*\).*/\1/p' /tmp/answer)/task/*/status; }
 
+mount -t cgroup2 none /sys/fs/cgroup
 step cmdline cat /proc/cmdline
 step isolated cat /sys/devices/system/cpu/isolated
 step tickless cat /sys/devices/system/cpu/nohz_full

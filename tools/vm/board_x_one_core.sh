@@ -3,6 +3,7 @@
 # robot that shares the core.
 running() { grep -q '"spine_core"' "$1"; }
 
+mount -t cgroup2 none /sys/fs/cgroup
 step online cat /sys/devices/system/cpu/online
 step doctor told lithe --json doctor
 step expected bash /doctor_expected.sh 0

@@ -4,12 +4,13 @@
 running() { grep -q '"spine_core"' "$1"; }
 group=/sys/fs/cgroup/robot
 partition() {
-  mount -t cgroup2 none /sys/fs/cgroup && echo +cpuset >/sys/fs/cgroup/cgroup.subtree_control && mkdir $group &&
+  echo +cpuset >/sys/fs/cgroup/cgroup.subtree_control && mkdir $group &&
     echo 1 >$group/cpuset.cpus && echo isolated >$group/cpuset.cpus.partition && cat $group/cpuset.cpus.partition
 }
 # This shell, and all that it starts from then on.
 enter() { echo $$ >$1/cgroup.procs; }
 
+mount -t cgroup2 none /sys/fs/cgroup
 step isolated cat /sys/devices/system/cpu/isolated
 step doctor-before told lithe --json doctor --cpu 1
 step expected-before bash /doctor_expected.sh 1
