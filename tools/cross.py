@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Builds LITHE for 64-bit ARM and runs its C++ tests under QEMU: `make test-arm64` (docs/arm64.md).
 
-python tools/cross.py                all tests, and the Spine with the maker's pi3hat library if LITHE_PI3HAT_DIR has it
-    --room guard: the tests of one room; --pi3hat: only the Spine with that library; --sysroot: only get the libraries
+python tools/cross.py                all tests, and the pi3hat room with the maker's library if LITHE_PI3HAT_DIR has it
+    --room guard: the tests of one room; --pi3hat: only the pi3hat room; --sysroot: only get the libraries
 Exit code: 0 when all pass, 1 when not, 77 and the reason when this machine has no cross compiler or no QEMU.
 """
 
@@ -201,7 +201,7 @@ def test(room: str, jobs: int) -> int:
 
 
 def pi3hat(jobs: int) -> int:
-    """Build the Spine with the maker's pi3hat library, from the sources that LITHE_PI3HAT_DIR names (ADR 13)."""
+    """Build the maker's pi3hat library and our room that calls it, from what LITHE_PI3HAT_DIR names (ADR 13)."""
     place, build = os.environ.get("LITHE_PI3HAT_DIR"), HOME / "pi3hat"
     if not place:
         print("arm64: pi3hat skipped: LITHE_PI3HAT_DIR names no folder with the maker's sources (docs/hardware.md)")
@@ -210,14 +210,24 @@ def pi3hat(jobs: int) -> int:
     options.append(f"-DLITHE_PI3HAT_DIR={Path(place).resolve()}")
     toolchain = ["-G", "Ninja", "--toolchain", str(ROOT / "cmake/aarch64.cmake"), "--log-level=WARNING"]
     run(["cmake", "-S", str(ROOT), "-B", str(build), *toolchain, *options], "cmake with a pi3hat")
-    run(["cmake", "--build", str(build), "-j", str(jobs), "--target", "lithe-spine"], "the build with a pi3hat")
-    names = [str(build / "bin/lithe-spine"), str(next(build.rglob("liblithe_pi3hat_maker.so")))]
-    words = [f"{TRIPLE}-nm", "-CD"]
-    wanted, made = (subprocess.run([*words, name], capture_output=True, text=True, check=True).stdout for name in names)
-    cycle = "mjbots::pi3hat::Pi3Hat::Cycle("
-    if f"U {cycle}" not in wanted or f"T {cycle}" not in made:
-        raise Trouble(f"lithe-spine does not take {cycle}...) from the maker's library: {' '.join(names)}")
-    print(f"arm64: lithe-spine is linked with the maker's pi3hat library of {place}")
+    targets = ("lithe_pi3hat_maker", "lithe_hal_bus_pi3hat")
+    run(["cmake", "--build", str(build), "-j", str(jobs), "--target", *targets], "the build with a pi3hat")
+
+    def symbols(target: str, kinds: str) -> set[str]:
+        """The maker's symbols of these kinds in a library."""
+        path = next(path for path in build.rglob(f"lib{target}.*") if path.suffix in (".a", ".so"))
+        command = [f"{TRIPLE}-nm", *(["-D"] if path.suffix == ".so" else []), str(path)]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        return set(re.findall(rf" [{kinds}] (_ZNK?6mjbots\S+)", said))
+
+    called, made = symbols(targets[1], "U"), symbols(targets[0], "TW")
+    if not called or called - made:
+        raise Trouble(
+            f"our room calls {sorted(called)}, and the maker's library lacks {sorted(called - made)}: {build}"
+        )
+    print(
+        f"arm64: pi3hat built with the maker's library of {place}, which has all {len(called)} functions that we call"
+    )
     return 0
 
 
@@ -226,7 +236,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--room", default="", help="only the tests of this room")
     parser.add_argument("--sysroot", action="store_true", help="get the libraries, and build nothing")
-    parser.add_argument("--pi3hat", action="store_true", help="build the Spine with the maker's library, no tests")
+    parser.add_argument(
+        "--pi3hat", action="store_true", help="build the pi3hat room with the maker's library, no tests"
+    )
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     args = parser.parse_args()
     if lacking := missing():

@@ -215,6 +215,7 @@ def swaps() -> dict[str, Any]:
         "loader": status["loader"],
         "same_spine": status["spine_pid"] == spine,
         "mode": status["mode"],
+        "fault": status["fault"],
         "chain": BOARD.lithe("law", "verify"),
         "certificates": len(list(Path(status["records"]).glob("[0-9]*.json"))),
     }
@@ -234,8 +235,8 @@ def brain() -> dict[str, Any]:
             latest = link.spine.latest()
             assert latest is not None
             seen.append(round(float(latest["position_rad"][0]), 3))
-        mode = link.status()["mode"]
-    return {"wanted_rad": [0.3, -0.3, 0.0], "seen_rad": seen, "mode": mode}
+        status = link.status()
+    return {"wanted_rad": [0.3, -0.3, 0.0], "seen_rad": seen, "mode": status["mode"], "fault": status["fault"]}
 
 
 def header(law: Path, key: str) -> str:
