@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot and a model that are made up, for the agent's loop: laws are numbers, and no time passes."""
 
+import json
 import random
 from typing import Any
 
@@ -106,6 +107,10 @@ class FakeRobot:
     def measure(self, seconds: float) -> dict[str, Any]:
         made = self._records(int((self.now - seconds) * 100))
         return measured(made, np.ones(len(made)), [HOSTILE])
+
+    def document(self, name: str) -> dict[str, Any]:
+        swaps = [{"law_id": self.active, "certificate": "swaps/0007"}, {"law_id": 99, "certificate": "swaps/0008"}]
+        return {"text": json.dumps(swaps) if name == "swaps" else f"// {name}"}
 
     def events(self, limit: int) -> dict[str, Any]:
         return {"events": [{"kind": "law_faulted", "text": "NaN", "next": "divide by no 0"}]}

@@ -146,13 +146,11 @@ PUSHES = law(f"u.torque_nm[j] = {FAR} (++s.steps > 3000) ? 1.0 : e + 0.05 * de;"
 
 def test_a_law_that_stops_the_robot_is_told_to_the_model_and_verbs_bring_the_robot_back(tmp_path: Path) -> None:
     script = [fenced(PUSHES), {"hang": 2.5}, fenced(MIDDLING), fenced(GOOD)]
-    (tmp_path / "brittle.cpp").write_text(BRITTLE)
     with calm_robot() as rig, ModelServer(script) as server, connected() as robot:
         robot.call("swap", source=BRITTLE, name="brittle.cpp", probation_s=0.0)
         gateway = Gateway(robot, token="sesame")
         gateway.start()
-        more = ("--rounds", "3", "--law", str(tmp_path / "brittle.cpp"))
-        done, lines = run_agent(rig, gateway, server, tmp_path, *more)
+        done, lines = run_agent(rig, gateway, server, tmp_path, "--rounds", "3")
         gateway.close()
         status = robot.call("status")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -161,6 +159,7 @@ def test_a_law_that_stops_the_robot_is_told_to_the_model_and_verbs_bring_the_rob
     assert demoted["number"] == 1 and demoted["verdict"] == "stopped" and not demoted["kept"]
     verdicts = [line["verdict"] for line in lines if line["kind"] == "generation"]
     assert verdicts == ["confirmed", "confirmed", "stopped", "confirmed"]
+    assert BRITTLE in server.asked[0]["messages"][1]["content"], "the text of the law at the start"
     assert [line["verb"] for line in lines if line["kind"] == "way_back"][:3] == ["reset", "activate", "arm"]
     told = prompt_after(server, 2)
     part = told[told.index("- generation 1: ") :]

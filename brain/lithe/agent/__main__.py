@@ -40,7 +40,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--reconnect", type=seconds, default=30.0, metavar="S", help="how long a broken connection is tried again"
     )
-    parser.add_argument("--law", type=Path, help="the source of the law that runs now: the model is shown it")
+    parser.add_argument(
+        "--law", type=Path, help="the source of the law that runs now (default: as the robot recorded it)"
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "out/agent")
     return parser
 

@@ -8,6 +8,7 @@ from the robot. One thread.
 from __future__ import annotations
 
 import contextlib
+import json
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -222,6 +223,15 @@ class Link:
                 self._say("verdict", name=name, verdict=verdict, reason=said, law_id=now)
                 return Outcome(verdict, runs, now, said, dict(last) if ours else {})
             self.sleep(0.2)
+
+    def source_of(self, law_id: int) -> str:
+        """The text of a law that was swapped in, from the gateway's documents; "": none of them has it."""
+        try:
+            swaps = json.loads(self.call("document", name="swaps")["text"])
+            certificate = next(one["certificate"] for one in reversed(swaps) if one.get("law_id") == law_id)
+            return str(self.call("document", name=f"{certificate}.cpp")["text"])
+        except (Refused, StopIteration, KeyError, ValueError):
+            return ""
 
     def taken_back(self) -> str:
         """Why the Spine took a law back last, and what to change: its own words."""

@@ -117,7 +117,7 @@ class Rounds:
         self._bests: list[Best] = []
         self._running = 0  # what was last known to run
         self._motions: list[list[Motion]] = []
-        self._seen = {source}
+        self._seen: set[str] = set()
 
     def run(self) -> Result:
         """Never raises LitheError: what ended it is in the result, and the best law runs, if any can."""
@@ -139,6 +139,8 @@ class Rounds:
         self.moves.start(self.share)
         told = self._measured()
         self._identify()
+        self.result.source = self.result.source or self.link.source_of(told.law_id)
+        self._seen.add(self.result.source)
         self._bests = [Best(0, told.law_id, self.result.source)]
         self._note(Try(0, "start", "confirmed", share=self.share, measured=told, kept=True))
 

@@ -48,6 +48,11 @@ def test_a_law_that_was_answered_before_costs_no_swap() -> None:
     assert [one.verdict for one in result.tries[1:]] == ["confirmed", "repeated", "confirmed"] and result.swaps == 2
 
 
+def test_the_text_of_the_law_at_the_start_is_read_from_the_robot_and_told() -> None:
+    result, model, _ = run(FakeRobot(), [0.5])
+    assert result.source == "// swaps/0007.cpp" and "// swaps/0007.cpp" in model.asked[0][1]["content"]
+
+
 def test_errors_are_those_of_one_instant() -> None:
     result, _, _ = run(FakeRobot(), [0.3])
     assert rms_deg(result) == pytest.approx(np.degrees([0.4, 0.3]), rel=1e-3), "no speed times the sample's age in it"
