@@ -107,6 +107,19 @@ TEST_F(ServiceTest, ContractSaysWhatIsWrongWithParamsAndStep) {
   EXPECT_EQ(first(compile(service_, no_step)).find("a law needs exactly one step"), 0u);
 }
 
+// One user's checkouts share a cache.
+TEST_F(ServiceTest, TheSameContractInAnotherFolderIsQuotedToo) {
+  const std::string wrong =
+      "#include <lithe/law.hpp>\nstruct L { struct Params {}; struct State {}; static void step(int) {} };\n"
+      "LITHE_LAW(L, \"l\");\n";
+  const std::string here = first(compile(service_, wrong));
+  const std::string elsewhere = cache_.path() + "/another";
+  std::filesystem::copy(find_contract_dir(), elsewhere, std::filesystem::copy_options::recursive);
+  ::setenv("LITHE_CONTRACT_DIR", elsewhere.c_str(), 1);
+  Service there(cache_.path());
+  EXPECT_EQ(first(compile(there, wrong)), here);
+}
+
 // Past admission, which refuses such an #include before a compiler reads it.
 TEST_F(ServiceTest, AnIncludedFileIsNamedAndNeverQuoted) {
   const std::string private_file = cache_.path() + "/private.txt";

@@ -97,10 +97,11 @@ void Toolchain::find_programs() {
   linker_version_ = ask({linker_, "--version"});
 }
 
-// The name of the folder is the fingerprint, so a precompiled header of another compiler is never used. Its size is
-// stored beside it, to detect a file truncated by a full disk or a crash.
+// The folder's name is made of the fingerprint, so a precompiled header of another compiler is never used, and of the
+// place of the headers: the compiler's messages name it, and it tells which lines may be quoted. Its size is stored
+// beside it, to detect a file truncated by a full disk or a crash.
 void Toolchain::precompile() {
-  const std::string dir = cache_ + "/contract/" + fingerprint_.substr(0, 32);
+  const std::string dir = cache_ + "/contract/" + sha256_hex(fingerprint_ + contract_dir_).substr(0, 32);
   const std::string header = dir + "/lithe/law.hpp.gch", note = dir + "/size";
   std::error_code failed;
   const auto size = fs::file_size(header, failed);
