@@ -15,6 +15,8 @@
 #include <string>
 #include <string_view>
 
+#include "lawd/run/child.hpp"
+#include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/test/lawd_rig.hpp"
 #include "spine/core/test/emulation.hpp"
@@ -173,6 +175,20 @@ TEST_F(ServiceTest, CrashHangExitAndNanAreRefusedWithTheReason) {
   EXPECT_NE(first(sensor).find("a sensor that is not valid"), std::string::npos) << sensor["text"];
   const json pole = refused({.body = "u.torque_nm[0] = t.position_rad[0] / t.velocity_rad_s[0];"}, "dry_run");
   EXPECT_NE(first(pole).find("in dry step 0"), std::string::npos) << "at rest it is 0 / 0: " << pole["text"];
+}
+
+TEST_F(ServiceTest, ALoopThatABusyMachineBreaksOffByTheClockHasItsLineToo) {
+  const LawText law{.body = "for (;;) s.sum_rad = *(volatile double*)&s.sum_rad;"};
+  const json request = {
+      {"verb", "compile"}, {"source", law.source()}, {"name", "l.cpp"}, {"joints", 2}, {"dry_run", false}};
+  const json made = ask(service_, request);
+  ASSERT_TRUE(made["ok"]) << made;
+  be_patient(0.05);  // half a second, and one of the processor
+  DryRun tried = dry_run(made["object"], 2);
+  for (int i = 0; i < 20 && tried.starved; ++i) tried = dry_run(made["object"], 2);
+  be_patient(1);
+  EXPECT_NE(tried.reason.find("did not return"), std::string::npos) << tried.reason;
+  EXPECT_GT(tried.pc_offset, 0U);
 }
 
 TEST_F(ServiceTest, LawThatIsNowAndThenTooSlowForTheRobotIsRefused) {

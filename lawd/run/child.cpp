@@ -53,8 +53,9 @@ Outcome run_child(const std::function<int(int)>& body, const Limits& asked) {
     set_limits(limits);
     return body(out_fd);
   };
-  Outcome outcome{run_forked(limited, {.wall_ms = limits.wall_ms, .output_bytes = kMaxOutput, .whole_group = true}),
-                  false};
+  const ChildLimits ends{
+      .wall_ms = limits.wall_ms, .output_bytes = kMaxOutput, .whole_group = true, .last_words = true};
+  Outcome outcome{run_forked(limited, ends), false};
   outcome.starved = outcome.timed_out && outcome.cpu_ms < 0.5 * std::min(1e3 * limits.cpu_s, 1.0 * limits.wall_ms);
   if (outcome.signal == SIGXCPU) outcome.timed_out = true;
   return outcome;

@@ -89,7 +89,7 @@ void on_death(int signal, siginfo_t*, void* context) {
   ::raise(signal);  // blocked until this returns
 }
 
-// A crash, a loop without an end (SIGXCPU), and what tell_place() makes the processor stop at. On a stack of its own,
+// A crash, a loop without an end (SIGXCPU; SIGPROF on a machine so busy that its time is up first), and what tell_place() makes the processor stop at. On a stack of its own,
 // for a law that has used up its stack.
 void listen_for_death(int fd, const LitheLaw& law) {
   static std::array<char, 64 << 10> memory;
@@ -101,7 +101,7 @@ void listen_for_death(int fd, const LitheLaw& law) {
   struct sigaction action{};
   action.sa_sigaction = &on_death;
   action.sa_flags = SA_SIGINFO | SA_ONSTACK;
-  for (const int signal : {SIGXCPU, SIGSEGV, SIGBUS, SIGFPE, SIGILL}) sigaction(signal, &action, nullptr);
+  for (const int signal : {SIGXCPU, SIGPROF, SIGSEGV, SIGBUS, SIGFPE, SIGILL}) sigaction(signal, &action, nullptr);
 }
 
 // Repeats the steps up to a bad one, and in that one lets the processor stop at the first invalid operation (a division

@@ -104,7 +104,7 @@ ChildEnd run_forked(const std::function<int(int)>& body, const ChildLimits& limi
     end.timed_out = !drain(ends[0], deadline, limits.output_bytes, end);
     if (end.timed_out && limits.last_words) {
       kill(pid, SIGPROF);
-      drain(ends[0], Clock::now() + std::chrono::milliseconds(50), limits.output_bytes, end);
+      drain(ends[0], Clock::now() + std::chrono::milliseconds(500), limits.output_bytes, end);
     }
     if (!ends_before(pid, deadline)) end.timed_out = true;
     if (limits.whole_group)

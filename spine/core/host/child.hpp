@@ -13,7 +13,7 @@ struct ChildLimits {
   int wall_ms;               // the child is killed after this time
   std::size_t output_bytes;  // further output is read and dropped
   bool whole_group = false;  // the child may start programs: they are killed with it, and their processor time counts
-  bool last_words = false;   // before it is killed it gets SIGPROF, and 50 ms to write what it has
+  bool last_words = false;   // before it is killed it gets SIGPROF, and 500 ms to write what it has
 };
 
 struct ChildEnd {
