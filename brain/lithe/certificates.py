@@ -70,7 +70,8 @@ def params_with_verdict(
         if tried["verdict"] not in ("sent", "taken") or quiet > 1 or time.monotonic() > until_s or ends():
             break
         time.sleep(LOOK_S)
-    return answer | robot.call("params") | {"tried": tried}
+    now: dict[str, Any] = robot.call("params")
+    return answer | now | {"tried": tried}
 
 
 def _newest(robot: Robot, folder: Path, certificate: dict[str, Any]) -> dict[str, Any]:
