@@ -175,7 +175,7 @@ def test_the_inspector_lists_reads_and_calls(endpoint: Endpoint, tmp_path: Path,
         done = ran([node, script, *common, *header, "--method", *asked], env=os.environ | {"HOME": str(tmp_path)})
         return done.returncode, done.stdout + done.stderr
 
-    code, told = inspect("tools/list", "--strict")  # any schema that some model's makers do not take is an error
+    code, told = inspect("tools/list", "--strict")  # a schema that not all clients take is an error
     assert code == 0 and {each["name"] for each in json.loads(told)["result"]["tools"]} == set(BY_NAME), told
     for asked in (
         ["resources/list"],
