@@ -7,8 +7,8 @@ regressor's equations, so that both must be right. Shapes: (robots, joints).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,11 @@ class Chains:
             between(0.01, 0.04), between(0.01, 0.05),
         )  # fmt: skip
 
+    @classmethod
+    def together(cls, those: Sequence[Chains]) -> Chains:
+        """All of them, to be simulated at once."""
+        return cls(*(np.concatenate([getattr(one, each.name) for one in those]) for each in fields(cls)))
+
     def description(self, robot: int) -> Description:
         """What is known of one of them."""
         joints = self.length_m.shape[1]
@@ -70,51 +75,59 @@ class Chains:
             found[name, "delay"] = STEP_S / 2  # a tick tells the torque that it held until now
         return found
 
-    def acceleration(self, q: Vector, v: Vector, torque: Vector) -> Vector:
-        """Of the joints. Each centre of mass is a sum of links; its Jacobian gives mass matrix and velocity terms."""
-        robots, joints = q.shape
-        theta, w = np.cumsum(q, axis=1), np.cumsum(v, axis=1)
-        sine, cosine = np.sin(theta), np.cos(theta)
-        matrix = np.zeros((robots, joints, joints))
-        force = np.zeros((robots, joints))  # of the links, by their angles
-        for link in range(joints):
-            reach = np.where(np.arange(joints) < link, self.length_m, 0.0)
-            reach[:, link] = self.centre_m[:, link]
-            jx, jy = reach * cosine, reach * sine  # x = sum r sin theta, y = -sum r cos theta
-            mass = self.mass_kg[:, link]
-            matrix += mass[:, None, None] * (jx[:, :, None] * jx[:, None, :] + jy[:, :, None] * jy[:, None, :])
-            ax = -np.sum(reach * sine * w**2, axis=1)
-            ay = np.sum(reach * cosine * w**2, axis=1) + GRAVITY
-            force -= mass[:, None] * (jx * ax[:, None] + jy * ay[:, None])
-            matrix[:, link, link] += self.inertia_kg_m2[:, link]
-        below = np.tril(np.ones((joints, joints)))  # theta = below q
-        in_joints = below.T @ matrix @ below
-        in_joints[:, range(joints), range(joints)] += self.rotor_kg_m2
-        load = torque - self.viscous_nm_s_rad * v - self.coulomb_nm * np.tanh(v / REST_RAD_S) + force @ below
-        return np.asarray(np.linalg.solve(in_joints, load[..., None])[..., 0])
+    def _reach_m(self) -> Vector:
+        """(robots, links, joints): the way to the centre of mass of each link is the sum of these along the links."""
+        inner = np.tri(self.length_m.shape[1], k=-1)
+        return np.asarray(inner * self.length_m[:, None, :] + np.eye(len(inner)) * self.centre_m[:, None, :])
 
-    def follow(
-        self, curve: Callable[[Vector], Vector], seconds: float, torque_noise_nm: float = 0.01, seed: int = 0
-    ) -> list[list[Motion]]:
-        """Telemetry of each robot, one Motion per joint; curve: times [s] (n,) -> angles [rad] (n, joints)."""
+    def acceleration(self) -> Callable[[Vector, Vector, Vector], Vector]:
+        """Of the joints, from q, v and torque. Each centre of mass is a sum of links; its Jacobian gives mass matrix
+        and velocity terms.
+        """
+        reach, mass = self._reach_m(), self.mass_kg
+        joints = mass.shape[1]
+        below = np.tri(joints)  # theta = below q
+        of_links = np.eye(joints) * self.inertia_kg_m2[:, None, :]
+        own = below.T @ of_links @ below + np.eye(joints) * self.rotor_kg_m2[:, None, :]
+        doubled = np.concatenate((mass, mass), axis=1)
+
+        def found(q: Vector, v: Vector, torque: Vector) -> Vector:
+            theta, w = q @ below.T, v @ below.T
+            across, along = reach * np.cos(theta)[:, None, :], reach * np.sin(theta)[:, None, :]
+            jacobian = np.concatenate((across, along), axis=1)  # x = sum r sin theta, y = -sum r cos theta
+            turning = np.concatenate((-along, across), axis=1) @ (w**2)[..., None]  # acceleration where w stays
+            turning[:, joints:] += GRAVITY
+            pushed = (doubled[..., None] * jacobian).swapaxes(1, 2)
+            load = torque - self.viscous_nm_s_rad * v - self.dry_nm(q, v) - (pushed @ turning)[..., 0] @ below
+            in_joints = below.T @ (pushed @ jacobian) @ below + own
+            return np.asarray(np.linalg.solve(in_joints, load[..., None])[..., 0])
+
+        return found
+
+    def dry_nm(self, q: Vector, v: Vector) -> Vector:
+        """Friction that does not depend on the speed; it fades near rest."""
+        return np.asarray(self.coulomb_nm * np.tanh(v / REST_RAD_S))
+
+    def follow(self, wanted_rad: Vector, torque_noise_nm: Vector | float = 0.01, seed: int = 0) -> list[list[Motion]]:
+        """Telemetry of each robot, one Motion per joint.
+
+        `wanted_rad`: of each tick (n, joints), or (n, robots, joints). `torque_noise_nm` may be (robots, 1).
+        """
         rng = np.random.default_rng(seed)
-        t: Vector = np.arange(round(seconds / STEP_S)) * STEP_S
-        wanted = curve(t)
-        q = np.repeat(wanted[:1], len(self.mass_kg), axis=0)
-        v = np.zeros_like(q)
-        angles, torques = np.zeros((len(t), *q.shape)), np.zeros((len(t), *q.shape))
+        t: Vector = np.arange(len(wanted_rad)) * STEP_S
+        wanted = np.broadcast_to(wanted_rad if wanted_rad.ndim == 3 else wanted_rad[:, None, :],
+                                 (len(t), *self.mass_kg.shape))  # fmt: skip
+        q, v = wanted[0].copy(), np.zeros_like(self.mass_kg)
+        angles, torques = np.zeros(wanted.shape), np.zeros(wanted.shape)
+        acceleration, h = self.acceleration(), STEP_S
         for n in range(len(t)):
             torque = 30.0 * (wanted[n] - q) - 0.4 * v
             angles[n], torques[n] = q, torque
-
-            def slope(q: Vector, v: Vector, torque: Vector = torque) -> tuple[Vector, Vector]:
-                return v, self.acceleration(q, v, torque)
-
-            a = slope(q, v)
-            b = slope(q + STEP_S / 2 * a[0], v + STEP_S / 2 * a[1])
-            c = slope(q + STEP_S / 2 * b[0], v + STEP_S / 2 * b[1])
-            d = slope(q + STEP_S * c[0], v + STEP_S * c[1])
-            q, v = (x + STEP_S / 6 * (a[i] + 2 * b[i] + 2 * c[i] + d[i]) for i, x in enumerate((q, v)))
+            a = acceleration(q, v, torque)  # the usual method of Runge and Kutta
+            b = acceleration(q + h / 2 * v, v + h / 2 * a, torque)
+            c = acceleration(q + h / 2 * v + h * h / 4 * a, v + h / 2 * b, torque)
+            d = acceleration(q + h * v + h * h / 2 * b, v + h * c, torque)
+            q, v = q + h * v + h * h / 6 * (a + b + c), v + h / 6 * (a + 2 * b + 2 * c + d)
         # What a drive reports at a tick is the torque until then.
         torques = np.concatenate((torques[:1], torques[:-1]))
         torques += torque_noise_nm * rng.standard_normal(torques.shape)

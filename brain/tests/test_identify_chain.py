@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of chains that the estimator has never seen, and what it says when the motion tells too little."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import lithe.identify.chain as fit_module
 import numpy as np
 import pytest
-from chain_sim import Chains
+from chain_sim import STEP_S, Chains
 from lithe.errors import LitheError
 from lithe.gateway.references import Limits, curve_of
 from lithe.identify import ChainFit, Description, Motion, describe, design_multisine, identify_chain, payload
@@ -26,14 +26,63 @@ REFERENCE: dict[str, Any] = {
 
 
 Found = tuple[Chains, list[ChainFit], list[list[Motion]]]
+SECONDS = 10.0
+
+
+def changed(made: Chains, **values: float) -> Chains:
+    """One chain with other values of its last joint."""
+    own = {name: getattr(made, name).copy() for name in values}
+    for name, value in values.items():
+        own[name][0, -1] = value
+    return replace(made, **own)
+
+
+def loaded(made: Chains, mass_kg: float, reach_m: float) -> Chains:
+    """With a point mass on the last link."""
+    own_kg, own_m, own_kg_m2 = (float(getattr(made, name)[0, 2]) for name in ("mass_kg", "centre_m", "inertia_kg_m2"))
+    total = own_kg + mass_kg
+    centre = (own_kg * own_m + mass_kg * reach_m) / total
+    inertia = own_kg_m2 + own_kg * own_m**2 + mass_kg * reach_m**2 - total * centre**2
+    return changed(made, mass_kg=total, centre_m=centre, inertia_kg_m2=inertia)
+
+
+PAYLOAD = (0.15, 0.09)
+ONE = Chains.drawn(1, 3, seed=11)
+SMOOTH = replace(ONE, viscous_nm_s_rad=np.zeros((1, 3)))
+# Of each motion of a single chain: the chain, how its reference differs, the noise of its torque [N m].
+SINGLE: dict[str, tuple[Chains, dict[str, Any], float]] = {
+    "usual": (ONE, {}, 0.01),
+    "slow": (ONE, {"amplitude_rad": [0.9, 0.9, 0.05], "frequency_hz": [0.25, 1.5]}, 0.3),
+    "two joints": (ONE, {"amplitude_rad": [0.8, 0.8, 0.0]}, 0.01),
+    "smooth": (SMOOTH, {}, 0.01),
+    "loaded": (loaded(ONE, *PAYLOAD), {}, 0.01),
+}
 
 
 @pytest.fixture(scope="module")
-def chains() -> Found:
-    """Fifty robots, what was found of each, and from which motion."""
+def recorded() -> tuple[Chains, dict[str, list[Motion]], list[list[Motion]]]:
+    """Fifty robots, the motions of SINGLE, those of the fifty. Simulated at once: numpy takes as long for one."""
     made = Chains.drawn(ROBOTS, 3, seed=5)
-    motions = made.follow(curve_of(REFERENCE, 3), 10.0, seed=1)
+    t = np.arange(round(SECONDS / STEP_S)) * STEP_S
+    curves = [curve_of(REFERENCE, 3)(t)] * ROBOTS
+    curves += [curve_of({**REFERENCE, **other}, 3)(t) for _, other, _ in SINGLE.values()]
+    noise_nm = np.array([[0.01]] * ROBOTS + [[each] for *_, each in SINGLE.values()])
+    together = Chains.together([made, *(one for one, *_ in SINGLE.values())])
+    motions = together.follow(np.stack(curves, axis=1), noise_nm, seed=1)
+    return made, dict(zip(SINGLE, motions[ROBOTS:], strict=True)), motions[:ROBOTS]
+
+
+@pytest.fixture(scope="module")
+def chains(recorded: Any) -> Found:
+    """Fifty robots, what was found of each, and from which motion."""
+    made, _, motions = recorded
     return made, [identify_chain(made.description(i), [motion]) for i, motion in enumerate(motions)], motions
+
+
+@pytest.fixture(scope="module")
+def single(recorded: Any) -> dict[str, list[Motion]]:
+    """Motions of SINGLE, by name."""
+    return dict(recorded[1])
 
 
 def covered(made: Chains, fits: list[ChainFit], factor: float = 1.0) -> float:
@@ -85,93 +134,62 @@ def test_residuals_counted_as_independent_give_intervals_that_are_wrong(
     assert covered(made, wrong) < 0.85
 
 
-@pytest.fixture(scope="module")
-def one() -> tuple[Chains, Description]:
-    """A single chain."""
-    made = Chains.drawn(1, 3, seed=11)
-    return made, made.description(0)
+CHAIN = ONE.description(0)
 
 
-def test_a_joint_that_hardly_moves_is_warned_of(one: tuple[Chains, Description]) -> None:
-    made, chain = one
-    slow = {**REFERENCE, "amplitude_rad": [0.9, 0.9, 0.05], "frequency_hz": [0.25, 1.5]}
-    (motion,) = made.follow(curve_of(slow, 3), 8.0, torque_noise_nm=0.3)
-    warnings = identify_chain(chain, [motion]).warnings
+def test_a_joint_that_hardly_moves_is_warned_of(single: dict[str, list[Motion]]) -> None:
+    warnings = identify_chain(CHAIN, [single["slow"]]).warnings
     assert any("joint2: its inertia is known to" in each and "design_multisine" in each for each in warnings), warnings
     (mixed,) = [each for each in warnings if "hardly tells" in each]
     assert "joint2" in mixed.split(" apart")[0], "it names the joint that does not move"
 
 
-def test_friction_that_the_noise_hides_is_not_told_as_certain(one: tuple[Chains, Description]) -> None:
-    made, chain = one
-    smooth = replace(made, viscous_nm_s_rad=np.zeros((1, 3)))
-    (motion,) = smooth.follow(curve_of(REFERENCE, 3), 8.0, seed=4)
-    found = [identify_chain(chain, [motion])[f"joint{k}", "viscous"] for k in range(3)]
+def test_friction_that_the_noise_hides_is_not_told_as_certain(single: dict[str, list[Motion]]) -> None:
+    found = [identify_chain(CHAIN, [single["smooth"]])[f"joint{k}", "viscous"] for k in range(3)]
     assert all(each.low >= 0 and each.high > 0 and each.error > 0 for each in found), found
     assert all(each.low <= 3 * each.error for each in found), found
 
 
-def test_what_cannot_be_told_is_named(one: tuple[Chains, Description]) -> None:
-    made, chain = one
-    (motion,) = made.follow(curve_of({**REFERENCE, "amplitude_rad": [0.8, 0.8, 0.0]}, 3), 6.0)
+def test_what_cannot_be_told_is_named(single: dict[str, list[Motion]]) -> None:
+    motion = single["two joints"]
     still = [*motion[:2], replace(motion[2], position_rad=np.zeros(len(motion[2].t_s)))]
     with pytest.raises(ValueError, match=r"joint2 rotor, joint2 viscous, joint2 coulomb.*move"):
-        identify_chain(chain, [still])
+        identify_chain(CHAIN, [still])
 
 
-def test_motions_that_do_not_fit_the_chain_are_refused(one: tuple[Chains, Description]) -> None:
-    made, chain = one
-    (motion,) = made.follow(curve_of(REFERENCE, 3), 0.5)
+def test_motions_that_do_not_fit_the_chain_are_refused(single: dict[str, list[Motion]]) -> None:
+    motion = [Motion(*(getattr(joint, each.name)[:500] for each in fields(Motion))) for joint in single["usual"]]
     with pytest.raises(ValueError, match="a motion has 2 joints, the chain 3"):
-        identify_chain(chain, [motion[:2]])
+        identify_chain(CHAIN, [motion[:2]])
     late = replace(motion[1], t_s=motion[1].t_s + 0.01)
     with pytest.raises(ValueError, match="differ in their times"):
-        identify_chain(chain, [[motion[0], late, motion[2]]])
+        identify_chain(CHAIN, [[motion[0], late, motion[2]]])
     with pytest.raises(ValueError, match="record longer"):
-        identify_chain(chain, [motion])
+        identify_chain(CHAIN, [motion])
 
 
-def test_outliers_do_not_move_it(one: tuple[Chains, Description]) -> None:
-    made, chain = one
-    (motion,) = made.follow(curve_of(REFERENCE, 3), 8.0)
+def test_outliers_do_not_move_it(single: dict[str, list[Motion]]) -> None:
+    motion = single["usual"]
     at = np.random.default_rng(3).choice(len(motion[0].t_s), 8, replace=False)
     torque = motion[0].torque_nm.copy()
     torque[at] += 20.0
-    spoilt = identify_chain(chain, [[replace(motion[0], torque_nm=torque), *motion[1:]]])
-    truth = made.truth(0)
+    spoilt = identify_chain(CHAIN, [[replace(motion[0], torque_nm=torque), *motion[1:]]])
+    truth = ONE.truth(0)
     for k in range(3):
         assert spoilt[f"joint{k}", "moment"].value == pytest.approx(truth[f"joint{k}", "moment"], rel=0.05)
 
 
-def test_a_payload_is_the_difference_of_two_fits(one: tuple[Chains, Description]) -> None:
-    made, chain = one
-    curve = curve_of(REFERENCE, 3)
-    (before,) = made.follow(curve, 8.0, seed=1)
-    mass, reach = 0.15, 0.09
-    total = made.mass_kg[0, 2] + mass
-    centre = (made.mass_kg[0, 2] * made.centre_m[0, 2] + mass * reach) / total
-    inertia = (
-        made.inertia_kg_m2[0, 2] + made.mass_kg[0, 2] * made.centre_m[0, 2] ** 2 + mass * reach**2 - total * centre**2
-    )
-
-    def with_last(values: np.ndarray[Any, Any], value: float) -> np.ndarray[Any, Any]:
-        changed = values.copy()
-        changed[0, 2] = value
-        return changed
-
-    loaded = replace(made, mass_kg=with_last(made.mass_kg, total), centre_m=with_last(made.centre_m, centre),
-                     inertia_kg_m2=with_last(made.inertia_kg_m2, inertia))  # fmt: skip
-    (after,) = loaded.follow(curve, 8.0, seed=2)
-    fits = [identify_chain(chain, [motion]) for motion in (before, after)]
-    found = payload(chain, *fits)
+def test_a_payload_is_the_difference_of_two_fits(single: dict[str, list[Motion]]) -> None:
+    fits = [identify_chain(CHAIN, [single[name]]) for name in ("usual", "loaded")]
+    found, (mass, reach) = payload(CHAIN, *fits), PAYLOAD
     assert abs(found.mass_kg - mass) < 3 * found.mass_error_kg < 0.05
     assert abs(found.reach_m - reach) < max(3 * found.reach_error_m, 0.01)
     with pytest.raises(ValueError, match="clear of its error"):
-        payload(chain, fits[0], fits[0])
+        payload(CHAIN, fits[0], fits[0])
 
 
-def test_the_design_keeps_the_limits_and_tells_more_than_a_usual_sine(one: tuple[Chains, Description]) -> None:
-    _, chain = one
+def test_the_design_keeps_the_limits_and_tells_more_than_a_usual_sine() -> None:
+    chain = CHAIN
     found = design_multisine(chain, LIMITS, seconds=8.0, seed=2, candidates=12)
     assert found == design_multisine(chain, LIMITS, seconds=8.0, seed=2, candidates=12), (
         "the same seed, the same answer"

@@ -145,15 +145,17 @@ def _solve(a: Matrix, y: Vector, joint: npt.NDArray[np.int64]) -> Vector:
     """Robust estimates. `a`: the columns that are fitted."""
     weight = np.ones(len(y))
     solution = np.zeros(a.shape[1])
+    length = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
+    unit = a / length  # so that the normal equations lose no more digits than they must
+    each = [np.flatnonzero(joint == k) for k in np.unique(joint)]
     for _ in range(ROUNDS):
-        root = np.sqrt(weight)
-        solution, *_rest = np.linalg.lstsq(a * root[:, None], y * root, rcond=None)
-        residual = y - a @ solution
-        for k in np.unique(joint):
-            of = joint == k
+        weighted = unit * weight[:, None]
+        solution = np.linalg.lstsq(weighted.T @ unit, weighted.T @ y, rcond=None)[0]
+        residual = y - unit @ solution
+        for of in each:
             spread = _spread(residual[of])
             weight[of] = np.minimum(1.0, HUBER * spread / np.maximum(np.abs(residual[of]), 1e-300)) / spread**2
-    return np.asarray(solution, dtype=np.float64)
+    return np.asarray(solution / length, dtype=np.float64)
 
 
 def _errors(a: Matrix, rows: Rows) -> Vector:

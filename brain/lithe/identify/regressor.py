@@ -129,30 +129,22 @@ def rows_of(
     pulled = np.concatenate((np.zeros((1, rigid, joints)), np.cumsum((pull[1:] + pull[:-1]) / 2 * steps, axis=0)))
     friction = _friction(chain, q, known, t, torque)
     impulse = np.stack([running_integral(torque[:, k], t) for k in range(joints)], axis=1)
-    a: list[Vector] = []
-    y: list[float] = []
-    of_joint: list[int] = []
-    of_window: list[int] = []
-    whole = np.asarray(np.isfinite(v).all(axis=1))
-    for number, start_s in enumerate(np.arange(t[0], t[-1] - window_s, window_s / OVERLAP)):
-        first, last = (int(at) for at in np.searchsorted(t, [start_s, start_s + window_s]))
-        part = slice(first, last + 1)
-        if first == last or not np.all(whole[part]) or np.max(np.diff(t[part])) > LONGEST_GAP_S:
-            continue
-        for k in range(joints):
-            if np.min(np.sign(v[first, k]) * v[part, k]) <= moving_rad_s:
-                continue
-            row = np.zeros(rigid + len(friction) * joints)
-            row[:rigid] = momentum[last, :, k] - momentum[first, :, k] - (pulled[last, :, k] - pulled[first, :, k])
-            for which, integral in enumerate(friction):
-                row[rigid + which * joints + k] = integral[last, k] - integral[first, k]
-            a.append(row)
-            y.append(float(impulse[last, k] - impulse[first, k]))
-            of_joint.append(k)
-            of_window.append(number)
-    return Rows(
-        np.array(a).reshape(len(a), rigid + len(friction) * joints),
-        np.array(y),
-        np.array(of_joint, int),
-        np.array(of_window, int),
-    )
+    start_s = np.arange(t[0], t[-1] - window_s, window_s / OVERLAP)
+    first, last = np.searchsorted(t, start_s), np.searchsorted(t, start_s + window_s)
+
+    def anywhere(what: npt.ArrayLike, end: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Of each window, whether it is so from its first sample on and before `end`."""
+        so_far = np.cumsum(what, axis=0)
+        count = np.concatenate((np.zeros_like(so_far[:1]), so_far))
+        return np.asarray(count[end] - count[first] > 0)
+
+    gap = anywhere(np.diff(t) > LONGEST_GAP_S, last)
+    usable = (first < last) & ~gap & ~anywhere(~np.isfinite(v).all(axis=1), last + 1)
+    moves = ~anywhere(known <= moving_rad_s, last + 1) | ~anywhere(known >= -moving_rad_s, last + 1)
+    window, joint = np.nonzero(usable[:, None] & moves)
+    a = np.zeros((len(window), rigid + len(friction) * joints))
+    change = momentum[last] - momentum[first] - (pulled[last] - pulled[first])
+    a[:, :rigid] = change[window, :, joint]
+    for which, integral in enumerate(friction):
+        a[np.arange(len(window)), rigid + which * joints + joint] = (integral[last] - integral[first])[window, joint]
+    return Rows(a, (impulse[last] - impulse[first])[window, joint], joint, window)
