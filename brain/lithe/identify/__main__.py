@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m lithe.identify ROBOT.toml DATA.npy ... [--json] [--write OUT.toml]`: what motion tells of a robot.
+"""`python -m lithe.identify ROBOT.toml DATA.npy ... [--model FILE | --write OUT.toml] [--json]`: what motion tells of a
+robot.
 
 DATA.npy: telemetry as the flight recorder and `robot.telemetry.history` have it. Each file is a motion of its own.
 OUT.toml: the robot file with a simulated plant as it was recorded, for `lithe.evolve`; never one that is there already.
@@ -13,6 +14,7 @@ import json
 import os
 import sys
 from dataclasses import asdict
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ from ..errors import LitheError
 from ..files import read_regular
 from .chain import ChainFit, describe, identify_chain
 from .joint import Arm, Motion, identify_joint
+from .model import describe_model
 from .plant import Plant, Values, chain_values, joint_values, plant_of, with_values, write_new
 
 
@@ -42,12 +45,13 @@ def motion_of(records: npt.NDArray[Any], joints: int) -> list[Motion]:
     return [Motion(t_s, *(column[:, j] for column in columns)) for j in range(joints)]
 
 
-def table(fit: ChainFit) -> str:
-    """The estimates, one a line, and what the motion left."""
+def table(fit: ChainFit, file_values: tuple[float, ...] = ()) -> str:
+    """The estimates, one a line, and what the motion left. `file_values`: of the first ones, in a model file."""
     lines = [f"{'joint':<12} {'parameter':<12} {'value':>12}  95 % interval"]
-    for each in fit.parameters:
+    for each, of_file in zip_longest(fit.parameters, file_values):
         lines.append(
             f"{each.joint:<12} {each.name:<12} {each.value:12.5g}  {each.low:.5g} to {each.high:.5g} {each.unit}"
+            + (f" (file: {of_file:.5g})" if of_file is not None else "")
         )
     left = ", ".join(f"{name} {value:.4f} N m" for name, value in fit.residual_nm.items())
     lines.append(f"{fit.windows} windows, condition number {fit.condition:.0f}, left unexplained: {left}")
@@ -76,14 +80,15 @@ def motions_of(paths: list[Path], joints: int) -> list[list[Motion]]:
     return motions
 
 
-def identify(robot: Path, plant: Plant, data: list[Path]) -> tuple[Values, str, dict[str, Any]]:
-    """What the motion tells: values of the plant, a table, and the same for JSON."""
+def identify(robot: Path, plant: Plant, data: list[Path], file: Path | None) -> tuple[Values, str, dict[str, Any]]:
+    """What the motion tells: values of the plant (of a model file none), a table, and the same for JSON."""
+    if file is not None:
+        model = describe_model(file, tuple(plant.sims))
+        fit = identify_chain(model, motions_of(data, len(plant.sims)))
+        return {}, table(fit, model.file_values), {**asdict(fit), "file_values": model.file_values}
     if plant.kind == "chain":
         fit = identify_chain(describe(robot), motions_of(data, len(plant.sims)))
-        told = {**asdict(fit), "parameters": [asdict(each) for each in fit.parameters]}
-        return chain_values(plant, fit), table(fit), told
-    if plant.kind != "independent":
-        raise LitheError(f'a plant of kind "{plant.kind}" has its parameters in its model\n  next: a "chain"')
+        return chain_values(plant, fit), table(fit), asdict(fit)
     motions = motions_of(data, len(plant.sims))
     arms: dict[str, Arm] = {}
     for name, those in zip(plant.sims, zip(*motions, strict=True), strict=True):
@@ -105,7 +110,10 @@ def run(asked: argparse.Namespace) -> None:
         raise LitheError(f"{asked.robot}: {error}\n  next: `lithe bus plan` names its mistakes") from None
     if asked.write is not None and os.path.lexists(asked.write):
         raise LitheError(f"{asked.write} is there already, and stays as it is\n  next: --write with another name")
-    values, said, told = identify(asked.robot, plant, asked.data)
+    file = asked.model or (asked.robot.parent / plant.model if plant.model else None)
+    if asked.write is not None and file is not None:
+        raise LitheError(f"{file} has the links' parameters\n  next: no --write; change the file by what is printed")
+    values, said, told = identify(asked.robot, plant, asked.data, file)
     if asked.write is not None:
         write_new(asked.write, with_values(text, values))
     print(json.dumps(told) if asked.json else said)
@@ -116,8 +124,14 @@ def run(asked: argparse.Namespace) -> None:
 def main(words: list[str]) -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(prog="python -m lithe.identify", description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("robot", type=Path, help='a robot file; [plant] kind = "chain" or "independent"')
+    parser.add_argument("robot", type=Path, help="a robot file")
     parser.add_argument("data", type=Path, nargs="+", help="telemetry, .npy")
+    parser.add_argument(
+        "--model",
+        type=Path,
+        metavar="FILE",
+        help="its links, URDF or MJCF; needs pin (default: that of a MuJoCo plant)",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--write", type=Path, metavar="OUT.toml", help="the robot file with the plant that was found")
     try:

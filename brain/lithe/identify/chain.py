@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fits the parameters of a planar chain (`regressor`) to its motion, with intervals and with a warning where the motion
-tells too little.
+"""Fits the parameters of a planar chain (`regressor`), or of a robot with a model (`model`), to its motion, with
+intervals and with a warning where the motion tells too little.
 
 Robust: Huber's weights (Huber 1964), each joint's equations in units of its own residuals. The standard errors allow
 for residuals that are alike in neighbouring windows and in all joints at once: they come from fits that leave out one
@@ -194,9 +194,10 @@ def _is_vague(each: Parameter, column: Vector, y: Vector) -> bool:
     return half * float(np.sqrt(np.mean(column**2))) > FELT * float(np.sqrt(np.mean(y**2)))
 
 
-def _warnings(parameters: Sequence[Parameter], rows: Rows, condition: float, mixed: list[str]) -> list[str]:
+def _warnings(
+    joints: Sequence[str], parameters: Sequence[Parameter], rows: Rows, condition: float, mixed: list[str]
+) -> list[str]:
     found = []
-    joints = list(dict.fromkeys(each.joint for each in parameters))
     for column, each in enumerate(parameters):
         of = rows.joint == joints.index(each.joint)
         if of.any() and _is_vague(each, rows.a[of, column], rows.y[of]):
@@ -248,7 +249,7 @@ def identify_chain(
         {name: float(np.sqrt(np.mean(residual[here] ** 2))) if here.any() else 0.0 for name, here in of.items()},
         condition,
         len(np.unique(rows.window)),
-        tuple(_warnings(parameters, rows, condition, mixed)),
+        tuple(_warnings(chain.names, parameters, rows, condition, mixed)),
     )
 
 

@@ -38,10 +38,13 @@ Values = dict[str, dict[str, Value]]  # of each joint, by key
 
 @dataclass(frozen=True)
 class Plant:
-    """What a robot file says of its simulated joints: `kind` of the plant, and of each joint the keys of its sim."""
+    """What a robot file says of its simulated joints: `kind` of the plant, of each joint the keys of its sim, and where
+    the kind is "mujoco", the file of the `model`.
+    """
 
     kind: str
     sims: dict[str, dict[str, Any]]
+    model: str = ""
 
 
 def plant_of(text: str) -> Plant:
@@ -50,7 +53,8 @@ def plant_of(text: str) -> Plant:
         config = tomllib.loads(text)
         common = config.get("defaults", {}).get("joint", {}).get("sim", {})
         sims = {str(joint["name"]): {**common, **joint.get("sim", {})} for joint in config["joint"]}
-        return Plant(str(config.get("plant", {}).get("kind", "independent")), sims)
+        plant = config.get("plant", {})
+        return Plant(str(plant.get("kind", "independent")), sims, str(plant.get("model", "")))
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise LitheError(f"this is no robot file: {type(error).__name__}: {error}") from None
 

@@ -47,6 +47,33 @@ class Description:
     stribeck_rad_s: float = 0.0  # 0: no Stribeck friction is fitted
     cogging_per_turn: float = 0.0  # periods in a turn of the joint; 0: no cogging is fitted
 
+    def rigid_names(self) -> list[tuple[str, str, str]]:
+        """Of each column of `rigid`: joint, parameter, unit."""
+        found = [(name, "inertia", "kg m2") for name in self.names] + [(name, "moment", "kg m") for name in self.names]
+        return found + [(name, "rotor", "kg m2") for name in self.names[1:]]
+
+    def rigid(self, q: Matrix, v: Matrix) -> tuple[Matrix, Matrix]:
+        """Of each sample and each of C, mu, R: momentum of each joint, and dT/dq - dV/dq -> (n, parameters, joints)."""
+        theta, w = np.cumsum(q, axis=1), np.cumsum(v, axis=1)
+        n, joints = q.shape
+        momentum, pull = np.zeros((n, 3 * joints - 1, joints)), np.zeros((n, 3 * joints - 1, joints))
+        for j in range(joints):
+            momentum[:, j, j] = w[:, j]
+            mu = joints + j
+            pull[:, mu, j] -= self.gravity_m_s2 * np.sin(theta[:, j])
+            for i in range(j):
+                apart, length = theta[:, i] - theta[:, j], self.length_m[i]
+                turn = length * np.sin(apart) * w[:, i] * w[:, j]
+                momentum[:, mu, i] += length * np.cos(apart) * w[:, j]
+                momentum[:, mu, j] += length * np.cos(apart) * w[:, i]
+                pull[:, mu, i] -= turn
+                pull[:, mu, j] += turn
+        for values in (momentum, pull):  # link angles are sums of joint angles
+            values[:] = np.cumsum(values[:, :, ::-1], axis=2)[:, :, ::-1]
+        for k in range(1, joints):
+            momentum[:, 2 * joints + k - 1, k] = v[:, k]
+        return momentum, pull
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -61,8 +88,7 @@ class Rows:
 def names_of(chain: Description) -> list[tuple[str, str, str]]:
     """Of each column: joint, parameter, unit."""
     joints = chain.names
-    found = [(name, "inertia", "kg m2") for name in joints] + [(name, "moment", "kg m") for name in joints]
-    found += [(name, "rotor", "kg m2") for name in joints[1:]]
+    found = chain.rigid_names()
     found += [(name, "viscous", "N m s/rad") for name in joints] + [(name, "coulomb", "N m") for name in joints]
     found += [(name, "delay", "s") for name in joints]
     if chain.stribeck_rad_s > 0:
@@ -70,29 +96,6 @@ def names_of(chain: Description) -> list[tuple[str, str, str]]:
     if chain.cogging_per_turn > 0:
         found += [(name, which, "N m") for which in ("cogging_cos", "cogging_sin") for name in joints]
     return found
-
-
-def _momenta(chain: Description, q: Matrix, v: Matrix) -> tuple[Matrix, Matrix]:
-    """Of each sample and each of C, mu, R: momentum of each joint, and dT/dq - dV/dq -> (n, parameters, joints)."""
-    theta, w = np.cumsum(q, axis=1), np.cumsum(v, axis=1)
-    n, joints = q.shape
-    momentum, pull = np.zeros((n, 3 * joints - 1, joints)), np.zeros((n, 3 * joints - 1, joints))
-    for j in range(joints):
-        momentum[:, j, j] = w[:, j]
-        mu = joints + j
-        pull[:, mu, j] -= chain.gravity_m_s2 * np.sin(theta[:, j])
-        for i in range(j):
-            apart, length = theta[:, i] - theta[:, j], chain.length_m[i]
-            turn = length * np.sin(apart) * w[:, i] * w[:, j]
-            momentum[:, mu, i] += length * np.cos(apart) * w[:, j]
-            momentum[:, mu, j] += length * np.cos(apart) * w[:, i]
-            pull[:, mu, i] -= turn
-            pull[:, mu, j] += turn
-    for values in (momentum, pull):  # link angles are sums of joint angles
-        values[:] = np.cumsum(values[:, :, ::-1], axis=2)[:, :, ::-1]
-    for k in range(1, joints):
-        momentum[:, 2 * joints + k - 1, k] = v[:, k]
-    return momentum, pull
 
 
 def _friction(chain: Description, q: Matrix, v: Matrix, t: Vector, torque: Matrix) -> tuple[Matrix, ...]:
@@ -123,7 +126,7 @@ def rows_of(
     """
     joints = q.shape[1]
     known = np.where(np.isfinite(v), v, 0.0)
-    momentum, pull = _momenta(chain, q, known)
+    momentum, pull = chain.rigid(q, known)
     rigid = momentum.shape[1]
     steps = np.diff(t)[:, None, None]
     pulled = np.concatenate((np.zeros((1, rigid, joints)), np.cumsum((pull[1:] + pull[:-1]) / 2 * steps, axis=0)))
