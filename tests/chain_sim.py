@@ -18,6 +18,8 @@ Vector = npt.NDArray[np.float64]
 STEP_S = 0.001
 GRAVITY = 9.81
 REST_RAD_S = 0.02  # below this speed dry friction fades, so that the integration stays stable
+STRIBECK_RAD_S = 0.3
+COGGING_PER_TURN = 14.0
 ENCODER_RAD = 2 * np.pi / 65536
 
 
@@ -32,6 +34,9 @@ class Chains:
     rotor_kg_m2: Vector
     viscous_nm_s_rad: Vector
     coulomb_nm: Vector
+    stribeck_nm: Vector
+    cogging_cos_nm: Vector
+    cogging_sin_nm: Vector
 
     @classmethod
     def drawn(cls, robots: int, joints: int, seed: int) -> Chains:
@@ -44,7 +49,7 @@ class Chains:
         length, mass = between(0.1, 0.3), between(0.1, 0.4)
         return cls(
             length, mass, length * between(0.4, 0.7), mass * length**2 * between(0.06, 0.12), between(1e-3, 3e-3),
-            between(0.01, 0.04), between(0.01, 0.05),
+            between(0.01, 0.04), between(0.01, 0.05), *np.zeros((3, robots, joints)),
         )  # fmt: skip
 
     @classmethod
@@ -55,7 +60,10 @@ class Chains:
     def description(self, robot: int) -> Description:
         """What is known of one of them."""
         joints = self.length_m.shape[1]
-        return Description(tuple(f"joint{k}" for k in range(joints)), tuple(self.length_m[robot]), GRAVITY)
+        stribeck_rad_s = STRIBECK_RAD_S if self.stribeck_nm[robot].any() else 0.0
+        cogging = COGGING_PER_TURN if self.cogging_cos_nm[robot].any() else 0.0
+        names = tuple(f"joint{k}" for k in range(joints))
+        return Description(names, tuple(self.length_m[robot]), GRAVITY, stribeck_rad_s, cogging)
 
     def truth(self, robot: int) -> dict[tuple[str, str], float]:
         """The parameters of the regressor (its docstring defines them)."""
@@ -72,6 +80,11 @@ class Chains:
                 found[name, "rotor"] = self.rotor_kg_m2[robot, k]
             found[name, "viscous"] = self.viscous_nm_s_rad[robot, k]
             found[name, "coulomb"] = self.coulomb_nm[robot, k]
+            if self.description(robot).stribeck_rad_s:
+                found[name, "stribeck"] = self.stribeck_nm[robot, k]
+            if self.description(robot).cogging_per_turn:
+                found[name, "cogging_cos"] = self.cogging_cos_nm[robot, k]
+                found[name, "cogging_sin"] = self.cogging_sin_nm[robot, k]
             found[name, "delay"] = STEP_S / 2  # a tick tells the torque that it held until now
         return found
 
@@ -105,8 +118,11 @@ class Chains:
         return found
 
     def dry_nm(self, q: Vector, v: Vector) -> Vector:
-        """Friction that does not depend on the speed; it fades near rest."""
-        return np.asarray(self.coulomb_nm * np.tanh(v / REST_RAD_S))
+        """Friction that is there at any speed, and fades near rest only; and cogging."""
+        dry = self.coulomb_nm + self.stribeck_nm * np.exp(-((v / STRIBECK_RAD_S) ** 2))
+        turn = COGGING_PER_TURN * q
+        cogging = self.cogging_cos_nm * np.cos(turn) + self.cogging_sin_nm * np.sin(turn)
+        return np.asarray(dry * np.tanh(v / REST_RAD_S) + cogging)
 
     def follow(self, wanted_rad: Vector, torque_noise_nm: Vector | float = 0.01, seed: int = 0) -> list[list[Motion]]:
         """Telemetry of each robot, one Motion per joint.

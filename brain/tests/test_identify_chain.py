@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of chains that the estimator has never seen, and what it says when the motion tells too little."""
 
+import re
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -8,12 +9,12 @@ from typing import Any
 import lithe.identify.chain as fit_module
 import numpy as np
 import pytest
-from chain_sim import STEP_S, Chains
+from chain_sim import COGGING_PER_TURN, STEP_S, STRIBECK_RAD_S, Chains
 from lithe.errors import LitheError
 from lithe.gateway.references import Limits, curve_of
 from lithe.identify import ChainFit, Description, Motion, describe, design_multisine, identify_chain, payload
 from lithe.identify.design import information
-from lithe.identify.regressor import Matrix, Rows, Vector
+from lithe.identify.regressor import Matrix, Rows
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = 50
@@ -25,6 +26,7 @@ REFERENCE: dict[str, Any] = {
 }  # fmt: skip
 
 
+Rough = list[tuple[Description, dict[tuple[str, str], float], list[list[Motion]]]]
 Found = tuple[Chains, list[ChainFit], list[list[Motion]]]
 SECONDS = 10.0
 
@@ -59,24 +61,43 @@ SINGLE: dict[str, tuple[Chains, dict[str, Any], float]] = {
 }
 
 
+ROUGH = 6  # robots whose joints are harder to turn at rest and at some angles; they move fast, and then slowly
+SLOW = {"amplitude_rad": [0.7, 0.8, 0.9], "frequency_hz": [0.1, 0.3]}
+ROUGH_NM = np.array([0.025, 0.02, 0.015]) * np.random.default_rng(8).uniform(0.7, 1.3, (3, ROUGH, 3))
+
+
 @pytest.fixture(scope="module")
 def recorded() -> tuple[Chains, dict[str, list[Motion]], list[list[Motion]]]:
-    """Fifty robots, the motions of SINGLE, those of the fifty. Simulated at once: numpy takes as long for one."""
-    made = Chains.drawn(ROBOTS, 3, seed=5)
+    """Robots, the motions of SINGLE, and those of the robots. Simulated at once: numpy takes as long for one."""
+    rough = replace(Chains.drawn(ROUGH, 3, seed=6), stribeck_nm=ROUGH_NM[0], cogging_cos_nm=ROUGH_NM[1],
+                    cogging_sin_nm=-ROUGH_NM[2])  # fmt: skip
+    made = Chains.together([Chains.drawn(ROBOTS, 3, seed=5), rough, rough])
     t = np.arange(round(SECONDS / STEP_S)) * STEP_S
-    curves = [curve_of(REFERENCE, 3)(t)] * ROBOTS
+    robots = ROBOTS + 2 * ROUGH
+    curves = [curve_of(REFERENCE, 3)(t)] * (ROBOTS + ROUGH)
+    curves += [curve_of({**REFERENCE, **SLOW}, 3)(t)] * ROUGH
     curves += [curve_of({**REFERENCE, **other}, 3)(t) for _, other, _ in SINGLE.values()]
-    noise_nm = np.array([[0.01]] * ROBOTS + [[each] for *_, each in SINGLE.values()])
+    noise_nm = np.array([[0.01]] * robots + [[each] for *_, each in SINGLE.values()])
     together = Chains.together([made, *(one for one, *_ in SINGLE.values())])
     motions = together.follow(np.stack(curves, axis=1), noise_nm, seed=1)
-    return made, dict(zip(SINGLE, motions[ROBOTS:], strict=True)), motions[:ROBOTS]
+    return made, dict(zip(SINGLE, motions[robots:], strict=True)), motions[:robots]
 
 
 @pytest.fixture(scope="module")
 def chains(recorded: Any) -> Found:
     """Fifty robots, what was found of each, and from which motion."""
     made, _, motions = recorded
+    motions = motions[:ROBOTS]
     return made, [identify_chain(made.description(i), [motion]) for i, motion in enumerate(motions)], motions
+
+
+@pytest.fixture(scope="module")
+def rough(recorded: Any) -> Rough:
+    """Robots with Stribeck friction and cogging: description, truth, both motions."""
+    made, _, motions = recorded
+    return [
+        (made.description(i), made.truth(i), [motions[i], motions[i + ROUGH]]) for i in range(ROBOTS, ROBOTS + ROUGH)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -116,18 +137,54 @@ def test_they_are_narrow_enough_to_be_of_use(chains: Found, tell: Any) -> None:
     assert not any(fit.warnings for fit in fits)
 
 
-def independent(a: Matrix, rows: Rows) -> Vector:
-    """The standard errors of least squares where each residual is new, in units of its joint's spread."""
+def test_friction_near_rest_and_cogging_are_found_within_their_intervals(rough: Rough, tell: Any) -> None:
+    found = [(identify_chain(chain, motions), truth) for chain, truth, motions in rough]
+    for what in ("stribeck", "cogging_cos", "cogging_sin"):
+        off = [(fit[key].value - true) / fit[key].error for fit, truth in found for key, true in truth.items()
+               if key[1] == what]  # fmt: skip
+        width = np.median([1.96 * fit[key].error for fit, truth in found for key in truth if key[1] == what])
+        share = np.mean(np.abs(off) < 1.96)
+        tell(f"{what}: {share:.0%} of {len(off)} intervals hold the truth, median +-{width:.4f} N m")
+        assert share >= 0.8
+        assert width < 0.01, "they are narrow enough to tell it from 0"
+    held = np.mean(
+        [abs(fit[key].value - true) < 1.96 * fit[key].error for fit, truth in found for key, true in truth.items()]
+    )
+    assert held >= 0.9
+    assert found[0][0].given == {"stribeck_rad_s": STRIBECK_RAD_S, "cogging_per_turn": COGGING_PER_TURN}
+
+
+@pytest.mark.parametrize(
+    ("known", "says", "least"),
+    [
+        ({"cogging_per_turn": 0.0}, "repeats about 14 times in a turn: cogging_nm", 1.0),
+        ({"stribeck_rad_s": 0.0}, r"falls with the speed: stribeck_nm with stribeck_rad_s = 0\.[24]", 0.6),
+    ],
+)
+def test_a_term_that_is_left_out_is_noticed(
+    known: dict[str, float], says: str, least: float, rough: Rough, tell: Any
+) -> None:
+    """Stribeck friction not in all robots: where the fast motion leaves more than it would explain, nothing is said."""
+    warnings = [
+        identify_chain(replace(chain, **known), motions, look_further=True).warnings for chain, _, motions in rough
+    ]
+    noticed = np.mean([any(re.search(says, each) for each in those) for those in warnings])
+    tell(f"without {next(iter(known))}: noticed in {noticed:.0%} of {ROUGH} robots")
+    assert noticed >= least
+
+
+def independent(a: Matrix, rows: Rows) -> Matrix:
+    """The covariance of least squares where each residual is new, in units of its joint's spread."""
     residual = rows.y - a @ fit_module._solve(a, rows.y, rows.joint)
     spread = np.array([1.4826 * np.median(np.abs(residual[rows.joint == k])) for k in range(3)])[rows.joint]
-    return np.asarray(np.sqrt(np.diag(np.linalg.inv((a / spread[:, None] ** 2).T @ a))))
+    return np.asarray(np.linalg.inv((a / spread[:, None] ** 2).T @ a))
 
 
 def test_residuals_counted_as_independent_give_intervals_that_are_wrong(
     chains: Found, monkeypatch: pytest.MonkeyPatch, tell: Any
 ) -> None:
     """The twin: windows that overlap, and joints that disturb each other, told as if they were as many witnesses."""
-    monkeypatch.setattr(fit_module, "_errors", independent)
+    monkeypatch.setattr(fit_module, "_covariance", independent)
     made, fits, motions = chains
     wrong = [identify_chain(made.description(i), [motion]) for i, motion in enumerate(motions)]
     tell(f"residuals counted as independent: {covered(made, wrong):.1%}")
@@ -199,6 +256,17 @@ def test_the_design_keeps_the_limits_and_tells_more_than_a_usual_sine() -> None:
     assert (np.abs(q) <= 1.2).all() and (np.abs(np.gradient(q, 0.002, axis=0)) <= 5.0).all()
     usual = {"kind": "multisine", "centre_rad": 0, "amplitude_rad": 0.5, "frequency_hz": [0.5, 0.8]}
     assert found["information"] > information(chain, usual, 8.0)
+
+
+def test_the_design_keeps_a_limit_of_acceleration() -> None:
+    most = np.array([6.0, 8.0, 10.0])
+    hardest = []
+    for limit in (np.inf, most):
+        found = design_multisine(CHAIN, LIMITS, seconds=8.0, seed=2, candidates=6, acceleration_rad_s2=limit)
+        q = curve_of(found["reference"], 3)(np.arange(0.0, 8.0, 0.002))
+        hardest.append(np.abs(np.gradient(np.gradient(q, 0.002, axis=0), 0.002, axis=0)).max(axis=0))
+    assert (hardest[0] > most).all(), "without the limit it is passed"
+    assert (hardest[1] <= most).all() and (hardest[1] > 0.5 * most).all()
 
 
 def test_a_robot_file_describes_its_chain(tmp_path: Path) -> None:

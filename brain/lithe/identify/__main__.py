@@ -54,6 +54,8 @@ def table(fit: ChainFit, file_values: tuple[float, ...] = ()) -> str:
             + (f" (file: {of_file:.5g})" if of_file is not None else "")
         )
     left = ", ".join(f"{name} {value:.4f} N m" for name, value in fit.residual_nm.items())
+    if fit.given:
+        lines.append("given, not found: " + ", ".join(f"{name} {value:g}" for name, value in fit.given.items()))
     lines.append(f"{fit.windows} windows, condition number {fit.condition:.0f}, left unexplained: {left}")
     return "\n".join([*lines, *(f"warning: {warning}" for warning in fit.warnings)])
 
@@ -84,10 +86,10 @@ def identify(robot: Path, plant: Plant, data: list[Path], file: Path | None) -> 
     """What the motion tells: values of the plant (of a model file none), a table, and the same for JSON."""
     if file is not None:
         model = describe_model(file, tuple(plant.sims))
-        fit = identify_chain(model, motions_of(data, len(plant.sims)))
+        fit = identify_chain(model, motions_of(data, len(plant.sims)), look_further=True)
         return {}, table(fit, model.file_values), {**asdict(fit), "file_values": model.file_values}
     if plant.kind == "chain":
-        fit = identify_chain(describe(robot), motions_of(data, len(plant.sims)))
+        fit = identify_chain(describe(robot), motions_of(data, len(plant.sims)), look_further=True)
         return chain_values(plant, fit), table(fit), asdict(fit)
     motions = motions_of(data, len(plant.sims))
     arms: dict[str, Arm] = {}

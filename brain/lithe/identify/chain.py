@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ import numpy.typing as npt
 from ..errors import LitheError
 from ..files import read_regular
 from .joint import OVERLAP, Motion, Vector, velocity
-from .regressor import Description, Matrix, Rows, names_of, rows_of
+from .missing import left_out
+from .regressor import Description, Matrix, Rows, joined, names_of, rows_of
 
 WINDOW_S = 0.16
 MOVING_RAD_S = 0.15
@@ -67,6 +68,8 @@ class ChainFit:
     condition: float  # of the equations, columns of length 1
     windows: int
     warnings: tuple[str, ...]
+    given: dict[str, float] = field(default_factory=dict)  # what was not fitted, but taken from the description
+    covariance: tuple[tuple[float, ...], ...] = ()  # of the parameters
 
     def __getitem__(self, key: tuple[str, str]) -> Parameter:
         """That of (joint, name)."""
@@ -110,7 +113,6 @@ def describe(robot_file: str | Path) -> Description:
 
 def _equations(chain: Description, motions: Sequence[Sequence[Motion]], window_s: float, moving_rad_s: float) -> Rows:
     found: list[Rows] = []
-    after = 0
     for joints in motions:
         if len(joints) != len(chain.names):
             raise ValueError(f"a motion has {len(joints)} joints, the chain {len(chain.names)}: one Motion for each")
@@ -124,16 +126,11 @@ def _equations(chain: Description, motions: Sequence[Sequence[Motion]], window_s
         ]
         # The slope over 2 h is too small by the third derivative times h^2 / 10; two of them tell by how much.
         v = np.stack([(4 * velocity(joint, 0.5) - velocity(joint)) / 3 for joint in whole], axis=1)
-        rows = rows_of(chain, whole[0].t_s, columns[0], v, columns[1], window_s, moving_rad_s)
-        if len(rows.y):
-            found.append(Rows(rows.a, rows.y, rows.joint, rows.window + after))
-            after += int(rows.window.max()) + 1
-    if not found:
+        found.append(rows_of(chain, whole[0].t_s, columns[0], v, columns[1], window_s, moving_rad_s))
+    rows = joined(found) if found else None
+    if rows is None or not len(rows.y):
         raise ValueError("no window with motion: excite the chain more, or record longer")
-    a, y, joint, window = (
-        np.concatenate([getattr(each, name) for each in found]) for name in ("a", "y", "joint", "window")
-    )
-    return Rows(a, y, joint, window)
+    return rows
 
 
 def _spread(residual: Vector) -> float:
@@ -158,15 +155,15 @@ def _solve(a: Matrix, y: Vector, joint: npt.NDArray[np.int64]) -> Vector:
     return np.asarray(solution / length, dtype=np.float64)
 
 
-def _errors(a: Matrix, rows: Rows) -> Vector:
-    """Standard errors: how much the estimates change when one stretch of time after another is left out."""
+def _covariance(a: Matrix, rows: Rows) -> Matrix:
+    """Of the estimates: how they change when one stretch of time after another is left out."""
     edges = np.quantile(rows.window, np.arange(1, STRETCHES) / STRETCHES)
     stretch = np.searchsorted(edges, rows.window)
     without = np.array([
         _solve(a[stretch != each], rows.y[stretch != each], rows.joint[stretch != each]) for each in range(STRETCHES)
     ])  # fmt: skip
-    spread = np.sum((without - without.mean(axis=0)) ** 2, axis=0) * (STRETCHES - 1) / STRETCHES
-    return np.asarray(FEW * np.sqrt(spread))
+    change = without - without.mean(axis=0)
+    return np.asarray(FEW**2 * (change.T @ change) * (STRETCHES - 1) / STRETCHES)
 
 
 def _check_rank(a: Matrix, names: list[tuple[str, str, str]]) -> tuple[float, list[str]]:
@@ -219,11 +216,13 @@ def identify_chain(
     motions: Sequence[Sequence[Motion]],
     window_s: float = WINDOW_S,
     moving_rad_s: float = MOVING_RAD_S,
+    look_further: bool = False,
 ) -> ChainFit:
     """Fits one or more motions, each a Motion per joint with the same times.
 
     ValueError where shapes differ, or where the motion tells nothing of a parameter; the words name it. Where it tells
-    little, `warnings` say of what, and what to do.
+    little, `warnings` say of what, and what to do. `look_further`: also which term that was not fitted would explain
+    what is left (`missing`); it takes a few times as long.
     """
     rows = _equations(chain, motions, window_s, moving_rad_s)
     names = names_of(chain)
@@ -231,17 +230,20 @@ def identify_chain(
         raise ValueError(f"only {len(rows.y)} equations for {len(names)} parameters: record longer, or move more")
     condition, mixed = _check_rank(rows.a, names)
     kept = list(range(len(names)))
-    value, error = np.zeros(len(names)), np.zeros(len(names))
+    value, spread = np.zeros(len(names)), np.zeros((len(names), len(names)))
     while True:
-        solution, errors = _solve(rows.a[:, kept], rows.y, rows.joint), _errors(rows.a[:, kept], rows)
+        solution, found = _solve(rows.a[:, kept], rows.y, rows.joint), _covariance(rows.a[:, kept], rows)
+        errors = np.sqrt(np.diag(found))
         drives = [i for i, column in enumerate(kept) if names[column][1] in BOUNDED and solution[i] < 0]
         if not drives:
             break
         least = min(drives, key=lambda i: float(solution[i] / errors[i]))
-        error[kept[least]] = errors[least]  # within the noise it is 0, and no better known than that
+        spread[kept[least], kept[least]] = found[
+            least, least
+        ]  # within the noise it is 0, and no better known than that
         del kept[least]
-    value[kept], error[kept] = solution, errors
-    parameters = tuple(Parameter(*name, float(value[i]), float(error[i])) for i, name in enumerate(names))
+    value[kept], spread[np.ix_(kept, kept)] = solution, found
+    parameters = tuple(Parameter(*name, float(value[i]), float(np.sqrt(spread[i, i]))) for i, name in enumerate(names))
     residual = (rows.y - rows.a @ value) / window_s
     of = {name: rows.joint == k for k, name in enumerate(chain.names)}
     return ChainFit(
@@ -249,7 +251,16 @@ def identify_chain(
         {name: float(np.sqrt(np.mean(residual[here] ** 2))) if here.any() else 0.0 for name, here in of.items()},
         condition,
         len(np.unique(rows.window)),
-        tuple(_warnings(chain.names, parameters, rows, condition, mixed)),
+        (
+            *_warnings(chain.names, parameters, rows, condition, mixed),
+            *(left_out(chain, rows, value) if look_further else ()),
+        ),
+        {
+            key: value
+            for key, value in (("stribeck_rad_s", chain.stribeck_rad_s), ("cogging_per_turn", chain.cogging_per_turn))
+            if value > 0
+        },
+        tuple(map(tuple, spread.tolist())),
     )
 
 
@@ -259,22 +270,23 @@ def payload(chain: Description, before: ChainFit, after: ChainFit) -> Payload:
     A mass m at r adds L_i m to the moment of each inner link and m r to that of the last. ValueError for a single link
     (only m r can be told) and where the difference is within its errors.
     """
-    *inner, last = chain.names
-    if not inner:
+    joints = len(chain.names)
+    if joints < 2:
         raise ValueError("a chain of one link tells only mass times reach: the difference of its moments")
-
-    def difference(joint: str) -> tuple[float, float]:
-        a, b = before[joint, "moment"], after[joint, "moment"]
-        return b.value - a.value, float(np.hypot(a.error, b.error))
-
-    each = [(gain / length, error / length) for (gain, error), length in
-            ((difference(name), chain.length_m[i]) for i, name in enumerate(inner))]  # fmt: skip
-    weights = np.array([1 / max(error, 1e-12) ** 2 for _, error in each])
-    mass = float(weights @ [value for value, _ in each] / weights.sum())
-    mass_error = float(1 / np.sqrt(weights.sum()))
+    moments = [[k for k, each in enumerate(fit.parameters) if each.name == "moment"] for fit in (before, after)]
+    gain = np.array([after[name, "moment"].value - before[name, "moment"].value for name in chain.names])
+    spread = sum(np.array(fit.covariance)[np.ix_(at, at)] for fit, at in zip((before, after), moments, strict=True))
+    least = 1e-12 * np.eye(joints)  # two fits of the same motion differ by nothing
+    # gain = model (m, m r): generalised least squares
+    model = np.zeros((joints, 2))
+    model[:-1, 0], model[-1, 1] = chain.length_m[: joints - 1], 1.0
+    weighted = model.T @ np.linalg.inv(spread + least)
+    found = np.linalg.inv(weighted @ model)
+    mass, moment = (float(each) for each in found @ weighted @ gain)
+    mass_error = float(np.sqrt(found[0, 0]))
     if mass < 2 * mass_error:
         raise ValueError(
             f"the payload is {mass:.4f} +- {mass_error:.4f} kg: no difference that stands clear of its error"
         )
-    gain, error = difference(last)
-    return Payload(mass, mass_error, gain / mass, float(np.hypot(error, gain / mass * mass_error) / mass))
+    by = np.array([-moment / mass, 1.0]) / mass  # how the reach changes with both
+    return Payload(mass, mass_error, moment / mass, float(np.sqrt(by @ found @ by)))

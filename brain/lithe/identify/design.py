@@ -32,11 +32,17 @@ def information(chain: Description, args: dict[str, Any], seconds: float) -> flo
 
 
 def design_multisine(
-    chain: Description, limits: Limits, seconds: float = 20.0, seed: int = 0, candidates: int = CANDIDATES
+    chain: Description,
+    limits: Limits,
+    seconds: float = 20.0,
+    seed: int = 0,
+    candidates: int = CANDIDATES,
+    acceleration_rad_s2: Vector | float = np.inf,
 ) -> dict[str, Any]:
     """Arguments for the verb `set_reference` (kind `multisine`), and `information`: larger tells more.
 
-    limits: of position [rad] and velocity [rad/s]; nine tenths of them are used at most. The same seed gives the same
+    limits: of position [rad] and velocity [rad/s]; `acceleration_rad_s2`: one for all joints, or for each, of the
+    reference alone. Nine tenths of all of them are used at most. The same seed gives the same
     answer. ValueError where the limits leave no motion that tells all parameters.
     """
     rng = np.random.default_rng(seed)
@@ -57,8 +63,10 @@ def design_multisine(
         centre = np.asarray(args["centre_rad"])
         unit = curve_of({**args, "amplitude_rad": np.ones(len(half)).tolist()}, len(half))(t) - centre
         room = MARGIN * (half - np.abs(centre - middle)) / np.abs(unit).max(axis=0)
-        fast = MARGIN * limits.speed_rad_s / np.abs(np.gradient(unit, STEP_S, axis=0)).max(axis=0)
-        args["amplitude_rad"] = [round(float(each), 4) for each in np.minimum(room, fast)]
+        speed = np.gradient(unit, STEP_S, axis=0)
+        fast = MARGIN * limits.speed_rad_s / np.abs(speed).max(axis=0)
+        hard = MARGIN * acceleration_rad_s2 / np.abs(np.gradient(speed, STEP_S, axis=0)).max(axis=0)
+        args["amplitude_rad"] = [round(float(each), 4) for each in np.minimum(np.minimum(room, fast), hard)]
         told = information(chain, args, seconds)
         if told > most:
             best, most = args, told

@@ -26,7 +26,9 @@ and d_k times its change, so that the delay is one more parameter:  - d_k [tau_k
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -77,12 +79,38 @@ class Description:
 
 @dataclass(frozen=True)
 class Rows:
-    """Equations: `a` (n, parameters), `y` (n,) [N m s]; of each its joint, and its window, counted in order of time."""
+    """Equations: `a` (n, parameters), `y` (n,) [N m s]; of each its joint, its window, counted in order of time, and
+    its first and last sample. The samples: t (samples,) [s]; q, v (samples, joints).
+    """
 
     a: Matrix
     y: Vector
     joint: npt.NDArray[np.int64]
     window: npt.NDArray[np.int64]
+    first: npt.NDArray[np.int64]
+    last: npt.NDArray[np.int64]
+    t: Vector
+    q: Matrix
+    v: Matrix
+
+    def integral(self, values: Matrix) -> Matrix:
+        """Of each equation the integral over its window. values: (samples, rows of anything)."""
+        whole = np.apply_along_axis(running_integral, 0, values, self.t)
+        return np.asarray(whole[self.last] - whole[self.first])
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """The equations of several motions as those of one."""
+    samples = np.cumsum([0, *(len(each.t) for each in parts)])
+    windows = np.cumsum([0, *(int(each.window.max(initial=-1)) + 1 for each in parts)])
+
+    def put(name: str, after: Vector | None = None) -> Any:
+        return np.concatenate(
+            [getattr(each, name) + (0 if after is None else after[i]) for i, each in enumerate(parts)]
+        )
+
+    return Rows(put("a"), put("y"), put("joint"), put("window", windows), put("first", samples), put("last", samples),
+                put("t"), put("q"), put("v"))  # fmt: skip
 
 
 def names_of(chain: Description) -> list[tuple[str, str, str]]:
@@ -150,4 +178,5 @@ def rows_of(
     a[:, :rigid] = change[window, :, joint]
     for which, integral in enumerate(friction):
         a[np.arange(len(window)), rigid + which * joints + joint] = (integral[last] - integral[first])[window, joint]
-    return Rows(a, (impulse[last] - impulse[first])[window, joint], joint, window)
+    y = (impulse[last] - impulse[first])[window, joint]
+    return Rows(a, y, joint, window, first[window], last[window], t, q, known)
