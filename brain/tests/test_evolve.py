@@ -7,14 +7,17 @@ import re
 import signal
 import subprocess
 import sys
+import termios
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import calm
+import numpy as np
 import pytest
-from lithe.evolve.__main__ import main
-from lithe.gateway.references import References
+from chain_sim import STEP_S, Chains
+from lithe.evolve.__main__ import Progress, main
+from lithe.gateway.references import References, curve_of
 from system.robot_rig import BIN, ROOT, need
 
 CHAIN, PD, GRAVITY = ROOT / "robots/chain.toml", ROOT / "laws/pd.cpp", ROOT / "laws/gravity_pd.cpp"
@@ -148,6 +151,59 @@ def test_a_winner_on_the_robot_is_told_with_its_verdict_and_one_that_is_rolled_b
     assert re.search(r"joint shoulder: [0-9.e-]+ rad, under the law before [0-9.e-]+ rad", kept.stdout), kept.stdout
     assert back.returncode == 1 and "live: rolled_back" in back.stdout, back.stdout + back.stderr
     assert "live: rolled back: tracking_lost: joint shoulder" in back.stdout, back.stdout
+
+
+def test_on_a_terminal_one_line_is_written_again_and_elsewhere_a_line_for_each_batch(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    ours, its = os.openpty()
+    termios.tcsetwinsize(its, (24, 60))
+    with os.fdopen(its, "w") as terminal:
+        progress = Progress(16, terminal)
+        for done in (8, 16):
+            progress(done, "pd.cpp: best 0.02 rad, 0 refused and words that no terminal of this width has room for")
+        progress.close()
+        progress.close()
+        seen = os.read(ours, 4096).decode()
+    os.close(ours)
+    first, second = seen.split("\r\033[K")[1:]
+    assert first.startswith(f"[{'#' * 12}{'.' * 12}] 8 of 16: pd.cpp") and len(first) == 59
+    assert second.startswith(f"[{'#' * 24}] 16 of 16") and seen.count("\n") == 1 and seen.endswith("\r\n")
+    plain = Progress(16, sys.stdout)
+    plain(8, "pd.cpp")
+    plain(16, "pd.cpp")
+    plain.close()
+    assert capsys.readouterr().out == "8 of 16: pd.cpp\n16 of 16: pd.cpp\n"
+
+
+def test_laws_are_searched_on_the_robot_as_it_was_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a chain with another load than its file's; the score is what a search on the identified file finds."""
+    made = Chains.drawn(1, 3, seed=11)
+    curve = curve_of(
+        {"kind": "multisine", "centre_rad": 0.1, "amplitude_rad": 1.1, "frequency_hz": [0.3, 0.7, 1.1, 1.9]}, 3
+    )
+    (motion,) = made.follow(curve(np.arange(6000) * STEP_S))
+    records = np.zeros(len(motion[0].t_s), [("sample_ns", "i8"), *((name, "f8", 3) for name in (
+        "position_rad", "velocity_rad_s", "torque_nm"))])  # fmt: skip
+    records["sample_ns"] = np.round(1e9 * motion[0].t_s)
+    for name in ("position_rad", "torque_nm"):
+        records[name] = np.stack([getattr(joint, name) for joint in motion], axis=1)
+    np.save(tmp_path / "motion.npy", records)
+    chain, lengths = tmp_path / "chain.toml", iter(map(float, made.length_m[0]))
+    text = re.sub(r"length_m = [0-9.]+", lambda _: f"length_m = {next(lengths)!r}", CHAIN.read_text())
+    chain.write_text(text)
+    words = ["--budget", "8", "--seed", "3"]
+    assert main([str(chain), str(PD), *words, "--recorded", str(tmp_path / "motion.npy"), "--out", str(tmp_path)]) == 0
+    assert "windows, condition number" in capsys.readouterr().out
+    found = json.loads((tmp_path / "result.json").read_text())["winner"]["score"]
+    for robot, same in ((tmp_path / "recorded.toml", True), (chain, False)):
+        out = tmp_path / f"again{same}"
+        assert main([str(robot), str(PD), *words, "--out", str(out)]) == 0
+        assert (json.loads((out / "result.json").read_text())["winner"]["score"] == found) == same
+    still = records[:200]
+    np.save(tmp_path / "still.npy", still)
+    assert main([str(chain), str(PD), "--recorded", str(tmp_path / "still.npy"), "--out", str(tmp_path / "no")]) == 2
+    assert "next: record a motion that tells more" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

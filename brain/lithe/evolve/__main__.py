@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`python -m lithe.evolve ROBOT.toml LAW.cpp ... [--budget N] [--seed N] [--processes N | --dask [ADDRESS]] [--live]`
 
-Searches the parameters of these laws on the simulated robot of the file. OUT/journal.jsonl has every candidate,
+Searches the parameters of these laws on the simulated robot of the file; with --recorded DATA.npy on one that moves as
+was recorded. OUT/journal.jsonl has every candidate,
 OUT/result.json the best of each law. Exit 0: a winner was found; 1: every candidate was refused, or --live rolled it
 back or did not confirm it; 2: it cannot run.
 """
@@ -19,13 +20,17 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from ..certificates import with_verdict
 from ..errors import LitheError, Refused
 from ..files import read_regular
+from ..identify.__main__ import identify
+from ..identify.plant import plant_of, with_values
 from .evaluate import Candidate, Score, compile_laws, evaluate
 from .search import Found, Journal, Map, Plan, Search
+
+BAR = 24  # characters
 
 
 @contextmanager
@@ -58,6 +63,33 @@ def one_after_the_other(candidates: Sequence[Candidate]) -> list[Score]:
     return [evaluate(candidate) for candidate in candidates]
 
 
+class Progress:
+    """How far a search is: on a terminal one line that is written again and again, elsewhere a line for each batch."""
+
+    def __init__(self, budget: int, stream: TextIO) -> None:
+        """Nothing is written yet."""
+        self._budget, self._stream, self._open = budget, stream, False
+
+    def __call__(self, done: int, words: str) -> None:
+        """So many candidates are done."""
+        said = f"{done} of {self._budget}: {words}"
+        if not self._stream.isatty():
+            print(said, file=self._stream, flush=True)
+            return
+        filled = BAR * done // self._budget
+        line = f"[{'#' * filled}{'.' * (BAR - filled)}] {said}"[
+            : os.get_terminal_size(self._stream.fileno()).columns - 1
+        ]
+        print(f"\r\033[K{line}", end="", file=self._stream, flush=True)
+        self._open = True
+
+    def close(self) -> None:
+        """The next words begin on a line of their own."""
+        if self._open:
+            print(file=self._stream, flush=True)
+        self._open = False
+
+
 def arguments(words: Sequence[str]) -> argparse.Namespace:
     """What is asked for."""
     parser = argparse.ArgumentParser(prog="python -m lithe.evolve", description=(__doc__ or "").splitlines()[0])
@@ -74,6 +106,10 @@ def arguments(words: Sequence[str]) -> argparse.Namespace:
     parser.add_argument(
         "--out", type=Path, default=Path("out/evolve"), help="folder of the results (default out/evolve)"
     )
+    parser.add_argument(
+        "--recorded", type=Path, nargs="+", default=[], metavar="DATA.npy",
+        help="on the robot as lithe.identify finds it in this telemetry; OUT/recorded.toml has it",
+    )  # fmt: skip
     parser.add_argument(
         "--resume", action="store_true", help="go on where a search with the same words was interrupted"
     )
@@ -92,6 +128,19 @@ def joints_of(robot: Path) -> int:
         return len(tomllib.loads(read_regular(robot))["joint"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise LitheError(f"cannot read {robot}: {error}\n  next: `lithe bus plan {robot}` names its mistakes") from None
+
+
+def as_recorded(robot: Path, data: list[Path], out: Path) -> Path:
+    """A new robot file in OUT with the plant that this telemetry tells. LitheError also where it tells too little."""
+    text, file = read_regular(robot), out / "recorded.toml"
+    try:
+        values, said, _ = identify(robot, plant_of(text), data, None)
+    except ValueError as error:
+        raise LitheError(f"{error}\n  next: record a motion that tells more (lithe.identify)") from None
+    out.mkdir(parents=True, exist_ok=True)
+    file.write_text(with_values(text, values), encoding="utf-8")
+    print(said, flush=True)
+    return file
 
 
 def swap_in(found: Found, source: str) -> bool:
@@ -123,11 +172,13 @@ def run(asked: argparse.Namespace) -> int:
     if len({name for name, _ in sources}) < len(sources):
         raise LitheError("two laws have the same file name\n  next: rename one")
     joints, cache = joints_of(asked.robot), str((asked.out / "cache").resolve())
+    robot = as_recorded(asked.robot, asked.recorded, asked.out) if asked.recorded else asked.robot
     os.makedirs(cache, exist_ok=True)
     units = compile_laws(sources, joints, cache)
-    plan = Plan(str(asked.robot.resolve()), cache, asked.seed, asked.budget, asked.torque_weight)
+    plan = Plan(str(robot.resolve()), cache, asked.seed, asked.budget, asked.torque_weight)
     journal = Journal(asked.out / "journal.jsonl", plan.fingerprint(units), asked.resume)
-    search = Search(plan, units, journal, lambda words: print(words, flush=True))
+    progress = Progress(asked.budget, sys.stdout)
+    search = Search(plan, units, journal, progress)
     try:
         if asked.dask is not None:
             with dask(asked.dask, asked.processes) as scores_of:
@@ -139,6 +190,7 @@ def run(asked: argparse.Namespace) -> int:
             winner = search.run(one_after_the_other)
     finally:
         journal.close()
+        progress.close()
     result: dict[str, Any] = {
         "winner": asdict(winner) if winner else None,
         "best": [asdict(found) for found in search.best.values()],

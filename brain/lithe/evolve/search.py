@@ -162,9 +162,9 @@ class Journal:
 
 
 class Search:
-    """Runs the plan; `best` by law, `refused` counts, by reason."""
+    """Runs the plan; `best` by law, `refused` counts, by reason. `say` is told after each batch how many are done."""
 
-    def __init__(self, plan: Plan, units: Sequence[Unit], journal: Journal, say: Callable[[str], None]) -> None:
+    def __init__(self, plan: Plan, units: Sequence[Unit], journal: Journal, say: Callable[[int, str], None]) -> None:
         self._plan, self._journal, self._say = plan, journal, say
         self._species = [_Species(unit, plan.seed + 1000 * i) for i, unit in enumerate(units)]
         self.best: dict[str, Found] = {}
@@ -207,4 +207,4 @@ class Search:
                 self.best[one.unit.name] = Found(one.unit.name, params, score)
         found = self.best.get(one.unit.name)
         said = f"best {found.score.value:.5f} rad" if found else "none accepted yet"
-        self._say(f"{self.done} of {self._plan.budget}: {one.unit.name}: {said}, {sum(self.refused.values())} refused")
+        self._say(self.done, f"{one.unit.name}: {said}, {sum(self.refused.values())} refused")
