@@ -75,4 +75,5 @@ with lithe.connect() as robot:
     size = next(gate["detail"] for gate in swap["gates"] if gate["gate"] == "size")
     print(f"at most 4096 bytes of code: {int(size.split()[0]) <= 4096} ({size})")
     print(f"the law gives the network's torques: {np.max(np.abs(apart_nm)) < 1e-9}")
+    print(f"the policy tracks better: {after_deg < before_deg}")
     print(f"tracking error (rms): {before} {before_deg:.2f} deg, {swap['law']} {after_deg:.2f} deg")
