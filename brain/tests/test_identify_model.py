@@ -105,6 +105,7 @@ def as_urdf(made: Chains, path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_our_chain_and_pinocchio_have_the_same_momenta_forces_and_sums(pin: Any, tmp_path: Path) -> None:
     made = Chains.drawn(1, 3, seed=3)
     ours = made.description(0)
@@ -125,6 +126,7 @@ def test_our_chain_and_pinocchio_have_the_same_momenta_forces_and_sums(pin: Any,
         assert other_nm == pytest.approx(own_nm, abs=1e-9)
 
 
+@pytest.mark.long
 def test_a_leg_that_is_no_planar_chain_is_found(pin: Any, leg: Path, found: Found, tell: Any) -> None:
     model, fit, _ = found
     robot = pin.buildModelFromMJCF(str(leg))
@@ -145,6 +147,7 @@ def test_a_leg_that_is_no_planar_chain_is_found(pin: Any, leg: Path, found: Foun
     assert max(fit.residual_nm.values()) < 0.01
 
 
+@pytest.mark.long
 def test_what_is_found_gives_torques_of_the_leg_that_the_file_does_not(pin: Any, found: Found, tell: Any) -> None:
     """Every sum has its share: weights for where the leg rests."""
     model, fit, _ = found
@@ -158,6 +161,7 @@ def test_what_is_found_gives_torques_of_the_leg_that_the_file_does_not(pin: Any,
     assert off_nm < 0.03 * np.abs(true_nm).max() < file_off_nm
 
 
+@pytest.mark.long
 def test_other_orders_of_joints_are_the_same_robot(leg: Path, found: Found) -> None:
     model, _, motion = found
     turned = describe_model(leg, ("knee", "roll", "hip"))
@@ -166,12 +170,14 @@ def test_other_orders_of_joints_are_the_same_robot(leg: Path, found: Found) -> N
         assert fit[joint, name].value == pytest.approx(found[1][joint, name].value, rel=1e-3, abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_motion_can_be_designed_for_it(leg: Path, pin: Any) -> None:
     model = describe_model(leg)
     usual, slow = (information(model, {**REFERENCE, "amplitude_rad": size}, 4.0) for size in (1.0, 0.2))
     assert usual > slow > -np.inf
 
 
+@pytest.mark.long
 def test_the_command_prints_what_the_file_says_beside_it(
     leg: Path, found: Found, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -196,6 +202,7 @@ def test_the_command_prints_what_the_file_says_beside_it(
     assert "change the file by what is printed" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_models_that_are_of_another_robot_are_refused(leg: Path, pin: Any, tmp_path: Path) -> None:
     with pytest.raises(LitheError, match="the joints of .* are roll, hip, knee, those of the robot roll, hip"):
         describe_model(leg, ("roll", "hip"))

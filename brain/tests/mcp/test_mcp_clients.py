@@ -98,8 +98,8 @@ def client(name: str, way: Json, calls: list[tuple[str, Json]]) -> Json:
     [
         ("python", "stdio", "auto"),
         ("python", "http", "legacy"),
-        ("npm", "stdio", "legacy"),
-        ("npm", "http", "legacy"),
+        pytest.param("npm", "stdio", "legacy", marks=pytest.mark.long),
+        pytest.param("npm", "http", "legacy", marks=pytest.mark.long),
     ],
 )
 def test_an_official_client_lists_tries_swaps_tunes_and_goes_back(
@@ -144,6 +144,7 @@ def test_an_official_client_lists_tries_swaps_tunes_and_goes_back(
         assert re.fullmatch(r"\d{4,6} bytes", size), said["pictures"]
 
 
+@pytest.mark.long  # it downloads Node.js
 def test_the_conformance_suite_finds_nothing_that_applies_to_this_server(endpoint: Endpoint, tmp_path: Path) -> None:
     node, folder = had(pypi.install_npm, CONFORMANCE)
     endpoint.RequestHandlerClass = Known
@@ -163,6 +164,7 @@ def test_the_conformance_suite_finds_nothing_that_applies_to_this_server(endpoin
     assert sum(each["status"] == "SUCCESS" for name in SCENARIOS for each in seen[name]) >= 60
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("era", ["legacy", "modern"])
 def test_the_inspector_lists_reads_and_calls(endpoint: Endpoint, tmp_path: Path, era: str) -> None:
     node, folder = had(pypi.install_npm, INSPECTOR)
