@@ -3,7 +3,6 @@
 
 import platform
 
-import pytest
 from system.robot_rig import RobotRig
 from system.swapping import becomes
 
@@ -25,16 +24,20 @@ LITHE_LAW(Late, "late");
 LINE = 1 + LATE.splitlines().index("    const double share = left / left;")
 
 
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="the trial stops at an invalid operation on x86-64 only")
 def test_the_line_that_made_a_nan_on_the_live_robot_is_found(arm: RobotRig) -> None:
     """In the event, the status and the certificate; the law before it runs."""
     path = arm.dir / "late.cpp"
     path.write_text(LATE)
     late_after = arm.ask("status")["tick"] + 8000
     done = arm.ask("swap", path, "--param", f"late_after={late_after}")
-    told = becomes(arm, done["request_id"], lambda each: "where" in each.get("fault", {}))
-    assert told["fault"]["kind"] == "not_finite" and told["fault"]["where"] == f"late.cpp:{LINE}"
-    assert told["fault"]["tick"] >= late_after
+    stops = platform.machine() == "x86_64"
+    told = becomes(
+        arm, done["request_id"], lambda each: ("where" in each["fault"] or not stops) if "fault" in each else False
+    )
+    assert told["fault"]["kind"] == "not_finite" and told["fault"]["tick"] >= late_after
+    if not stops:
+        return
+    assert told["fault"]["where"] == f"late.cpp:{LINE}"
     (located,) = [each for each in arm.ask("events")["events"] if each["kind"] == "law_fault_located"]
     assert f"late at late.cpp:{LINE}" in located["text"]
     assert arm.ask("status")["law_faults"][-1]["where"] == f"late.cpp:{LINE}" and arm.ask("status")["law"] == "pd"

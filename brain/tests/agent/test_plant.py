@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from chain_sim import Chains
+from chain_sim import STEP_S, Chains
 from lithe.agent.plant import CHAIN, identified
 from lithe.agent.reference import Asked, reference_of
 from lithe.gateway.curves import curve_of
@@ -41,13 +41,13 @@ def test_the_equations_are_those_of_a_plant_that_was_written_without_them() -> N
         + truth[name, "coulomb"] * np.tanh(v[k] / 0.02) + link[k:].sum()
         for k, name in enumerate(NAMES)
     ])  # fmt: skip
-    assert MADE.acceleration(q[None], v[None], torque[None])[0] == pytest.approx(wanted, rel=1e-9)
+    assert MADE.acceleration()(q[None], v[None], torque[None])[0] == pytest.approx(wanted, rel=1e-9)
 
 
 def test_the_sine_of_the_agent_tells_the_coupled_model() -> None:
     joint = {"position_min_rad": -2.5, "position_max_rad": 2.5, "velocity_max_rad_s": 15.0}
     sine = reference_of([{"name": name, **joint} for name in NAMES], "0.5 Hz", Asked())
-    motion = MADE.follow(curve_of(sine.terms, 3), 4.0)[0]
+    motion = MADE.follow(curve_of(sine.terms, 3)(np.arange(4000) * STEP_S))[0]
     equations, found = identified(NAMES, [motion], MADE.description(0))
     assert equations == CHAIN and not [one for one in found if "warning" in one or "why" in one]
     told = {one["joint"]: one for one in found if "joint" in one}

@@ -302,7 +302,7 @@ def test_an_agent_that_pressed_the_estop_can_reset_and_arm_again(remote: Remote)
 
 def test_a_spine_that_does_not_obey_the_estop_is_reported(remote: Remote, robot: lithe.Robot, rig: RobotRig) -> None:
     spine = int(robot.spine.mapping.header().writer_pid)
-    os.kill(spine, signal.SIGSTOP)
+    rig.freeze(spine)
     try:
         with pytest.raises(lithe.Refused, match=r"has not obeyed[\s\S]*cut its power") as caught:
             remote.call("estop")
