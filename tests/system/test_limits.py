@@ -4,6 +4,7 @@
 import re
 
 import numpy as np
+import pytest
 from calm import calm_robot, connected
 from lithe._wire import Mode, TelemetryFlags
 from lithe.shm import RingCursor
@@ -14,6 +15,7 @@ LIMIT_RAD = 3.0
 TICKS = 7000  # from the commit on: three thousand as a good law, then it pushes
 
 
+@pytest.mark.alone  # a Spine that is held up for ten ticks cannot brake meanwhile
 def test_a_joint_under_full_torque_stays_inside_its_limits() -> None:
     """The law pushes for four seconds, without a probation that would take it away."""
     with calm_robot(ideal=False) as rig, connected() as robot:
