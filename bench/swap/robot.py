@@ -181,7 +181,8 @@ class Subject(Mover):
         self.rounds: list[Round] = []
         self.records: list[dict[str, Any]] = []
         self.refused: Counter[str] = Counter()
-        self.trials = self.trials_wrong = 0  # without a swap; and those that did not end in the trial
+        self.trials = 0  # without a swap
+        self.trials_wrong: Counter[str] = Counter()  # those that did not end in the trial, by their end
         self.load_us: list[float] = []
         self.swapping, self.resting = Tally(), Tally()
         self._asked = 0
@@ -210,9 +211,10 @@ class Subject(Mover):
         self.trials += 1
         try:
             self.robot.swap(REFUSED_LAST.read_text(encoding="utf-8"), name=REFUSED_LAST.name)
-            self.trials_wrong += 1
+            self.trials_wrong["committed"] += 1
         except Refused as refusal:
-            self.trials_wrong += refusal.code != "trial_failed"
+            if refusal.code != "trial_failed":
+                self.trials_wrong[refusal.code] += 1
 
     def _counts(self) -> npt.NDArray[np.float64]:
         return np.append(interrupts(self.cpu), minor_faults(self.pid, self.tid))

@@ -16,6 +16,7 @@ import os
 import shutil
 import sys
 import time
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,11 @@ def both_sides(sides: Sides, calm: Sides, ticks: Any) -> Figures:
     return told
 
 
+def counted(ends: Counter[str]) -> str:
+    """How often each code came."""
+    return " ".join(f"{code}:{count}" for code, count in sorted(ends.items()))
+
+
 def lithe_figures(subject: Subject, stolen: list[Window]) -> Figures:
     """All figures of LITHE."""
     ticks, made = subject.log.ticks(), subject.releases()
@@ -111,8 +117,8 @@ def lithe_figures(subject: Subject, stolen: list[Window]) -> Figures:
         "swaps": len(subject.records),
         "swaps_asked": len(subject.records) + sum(subject.refused.values()),
         "trials_without_a_swap": subject.trials,
-        "trials_not_refused": subject.trials_wrong,
-        "swaps_refused": " ".join(f"{code}:{count}" for code, count in sorted(subject.refused.items())),
+        "trials_not_refused": counted(subject.trials_wrong),
+        "swaps_refused": counted(subject.refused),
         "swaps_per_s": len(subject.records) / max(seconds, 1e-9),
         "ticks": len(ticks),
         "ticks_not_recorded": subject.log.lost,

@@ -30,7 +30,7 @@ def reasons_to_doubt(told: Figures) -> list[str]:
     if told["ticks_not_recorded"]:
         found.append(f"{told['ticks_not_recorded']} ticks were not recorded")
     if told["trials_not_refused"]:
-        found.append(f"{told['trials_not_refused']} of the trials that must be refused were not")
+        found.append(f"trials that must be refused ended otherwise: {told['trials_not_refused']}")
     if not told["rounds_compared"] >= LEAST_ROUNDS:
         found.append(f"only {told['rounds_compared']} rounds could be compared, of at least {LEAST_ROUNDS}")
     for key, wanted in (("loader", "arena"), ("loader_dlopen_loader", "dlopen")):
