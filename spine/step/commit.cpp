@@ -46,6 +46,7 @@ CommandResult Laws::params_set(const wire::Command& command, std::uint32_t count
 CommandResult Laws::roll_back(const wire::Command& command) LITHE_RT {
   const std::uint32_t steps = std::max(1u, command.count);
   if (slot_.before(steps) == nullptr) return CommandResult::refused_law;
+  if (command.law_id != 0 && command.law_id != slot_.active()->law_id) return CommandResult::refused_law;
   const std::uint32_t blend_ticks = slot_.active()->terms.blend_ticks;
   law::FieldBits mended = 0;
   slot_.rollback(law::Carry::named, steps, &mended);

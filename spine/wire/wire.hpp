@@ -775,7 +775,7 @@ static_assert(offsetof(Plan, velocity_rad_s) == 4248);
 // A request that must not be lost.
 struct Command {
   std::uint32_t kind = {};  // CommandKind
-  std::uint32_t law_id = {};  // set_params: the law that they are for; 0 = the running one
+  std::uint32_t law_id = {};  // set_params, revert_params, rollback: refused when another law runs; 0 = any
   std::uint32_t count = {};  // set_params: how many
   std::array<std::uint8_t, 4> pad0{};
   std::uint64_t request_id = {};  // comes back in the event

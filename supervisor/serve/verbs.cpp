@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <optional>
 #include <ranges>
 #include <utility>
 #include <variant>
@@ -33,6 +34,10 @@ SwapRequest read_request(const Json& args) {
     throw Refusal{"usage", "params is an object: {\"kp\":1.0}", "send args {\"params\":{\"NAME\":VALUE}}"};
   request.name = request.name.empty() ? "law.cpp" : request.name;
   return request;
+}
+
+Json in_short(const std::optional<RunningLaw>& law) {
+  return {{"law", law ? Json(text_of(law->info.name)) : Json(nullptr)}, {"law_id", law ? law->info.law_id : 0}};
 }
 
 }  // namespace
@@ -132,7 +137,8 @@ void Verbs::handle(const ReplyTo& to, const std::string& verb, const Json& args)
   }
 }
 
-void Verbs::command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t count, const Done& done) {
+void Verbs::command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t count, const Done& done,
+                    std::uint32_t law_id) {
   if (kind == wire::CommandKind::estop)
     parts_.spine.press_estop();  // effective even when the command after it is lost or refused
   else if (kind == wire::CommandKind::reset)
@@ -140,6 +146,7 @@ void Verbs::command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t cou
   wire::Command command;
   command.kind = static_cast<std::uint32_t>(kind);
   command.count = count;
+  command.law_id = law_id;
   parts_.commands.send(command, later(to, done), monotonic_ns());
 }
 
@@ -149,7 +156,7 @@ void Verbs::roll_back(const ReplyTo& to, const Json& args) {
     throw Refusal{"usage", fmt::format("steps = {}: how many laws back, 1 to {}", steps.dump(), kMostSteps),
                   "see which are still there: lithe law list"};
   }
-  go_back(to, steps.get<std::uint32_t>());
+  go_back(to, steps.get<std::uint32_t>(), law_that_runs());
 }
 
 // Laws before the running one have smaller numbers, and those that a rollback passed over are gone.
@@ -186,17 +193,16 @@ void Verbs::activate(const ReplyTo& to, const Json& args) {
                     by_id ? wanted.dump() : fmt::format("'{}'", name)),
         fmt::format("{}swap its text", names.empty() ? "" : fmt::format("one of {}, or ", fmt::join(names, ", ")))};
   }
-  go_back(to, static_cast<std::uint32_t>(found - earlier.rbegin()) + 1);
+  go_back(to, static_cast<std::uint32_t>(found - earlier.rbegin()) + 1, in_short(running));
 }
 
 Json Verbs::law_that_runs() const {
-  const auto law = parts_.spine.running_law();
-  return {{"law", law ? Json(text_of(law->info.name)) : Json(nullptr)}, {"law_id", law ? law->info.law_id : 0}};
+  return in_short(parts_.spine.running_law());
 }
 
 // The law that runs after it, the one that it left, and the laws that are gone with that: no rollback leads to them.
-void Verbs::go_back(const ReplyTo& to, std::uint32_t steps) {
-  const Json left = law_that_runs();
+// The steps are counted from `left`: the Spine refuses them when it has gone back by itself meanwhile.
+void Verbs::go_back(const ReplyTo& to, std::uint32_t steps, const Json& left) {
   Json known = Json::array();
   for (const wire::LawInfo& law : parts_.spine.laws()) {
     if (law.law_id > left["law_id"].get<std::uint32_t>()) continue;  // a candidate
@@ -205,14 +211,15 @@ void Verbs::go_back(const ReplyTo& to, std::uint32_t steps) {
       told["source"] = fmt::format("swaps/{}", text.filename().string());
     known.insert(known.begin(), std::move(told));
   }
-  command(wire::CommandKind::rollback, to, steps, [this, left, known](Json json) {
+  const auto answer = [this, left, known](Json json) {
     json.update(law_that_runs());
     json["left"] = left;
     json["dropped"] = Json::array();
     for (const Json& law : known)
       if (law["law_id"] > json["law_id"]) json["dropped"].push_back(law);
     return json;
-  });
+  };
+  command(wire::CommandKind::rollback, to, steps, answer, left["law_id"].get<std::uint32_t>());
 }
 
 void Verbs::set_params(const ReplyTo& to, const Json& args) {

@@ -52,12 +52,14 @@ class Verbs {
   using Done = std::function<Answer(const Json&)>;  // makes the answer to the client, when the Spine did it
 
   std::function<void(const Answer&)> later(const ReplyTo& to, const Done& done = nullptr) const;
-  void command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t count = 0, const Done& done = nullptr);
+  // `law_id`: refused when another law runs by then; 0 = any.
+  void command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t count = 0, const Done& done = nullptr,
+               std::uint32_t law_id = 0);
   void swap_law(const ReplyTo& to, const Json& args);
   void check_law(const ReplyTo& to, const Json& args);
   void roll_back(const ReplyTo& to, const Json& args);
   void activate(const ReplyTo& to, const Json& args);
-  void go_back(const ReplyTo& to, std::uint32_t steps);
+  void go_back(const ReplyTo& to, std::uint32_t steps, const Json& left);
   Json law_that_runs() const;
   void set_params(const ReplyTo& to, const Json& args);
 

@@ -34,6 +34,24 @@ TEST_F(LawsTest, ALawThatIsNotFiniteIsReplacedByTheOneBeforeInTheSameTick) {
   EXPECT_EQ(fault->tick, record_.tick);
 }
 
+TEST_F(LawsTest, AWayBackThatWasCountedFromALawThatLeftMeanwhileIsRefused) {
+  arm_with(kPd);
+  stage(kPd);
+  ticks(2);
+  stage(kNotFinite);
+  ticks(2);
+  ASSERT_EQ(slot_.active()->law_id, 2u) << "law 3 failed in its first tick";
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(CommandKind::rollback);
+  command.count = 1;
+  command.law_id = 3;
+  EXPECT_EQ(send(command), CommandResult::refused_law);
+  EXPECT_EQ(slot_.active()->law_id, 2u);
+  command.law_id = 2;
+  EXPECT_EQ(send(command), CommandResult::done);
+  EXPECT_EQ(slot_.active()->law_id, 1u);
+}
+
 TEST_F(LawsTest, WithoutALawBeforeItTheSafeLawTakesOverInTheSameTick) {
   arm_with(kLateNan);
   while (mode() == Mode::active && record_.tick < 100) tick();

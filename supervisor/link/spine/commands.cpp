@@ -82,7 +82,8 @@ Refusal refused_by_law(CommandKind kind) {
   const std::string code(to_string(CommandResult::refused_law));
   switch (kind) {
     case CommandKind::rollback:
-      return {code, "there are not so many laws to go back to", "see which are there: lithe law list; or swap one in"};
+      return {code, "there are not so many laws to go back to, or another law runs by now; nothing was changed",
+              "see which are there: lithe law list; or swap one in"};
     case CommandKind::revert_params:
     case CommandKind::set_params:
       return {code, "another law runs by now, or none; no parameter was changed", "see what runs: lithe param get"};
