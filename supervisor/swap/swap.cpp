@@ -274,7 +274,7 @@ void Swaps::find_line_of_nan(const Transaction& swap, LawLifecycle::Found found)
     if (report.value("section", "") != "replay" || offset_in(report) == 0) return found(nullptr);
     find_line(swap, offset_in(report), false, found);
   };
-  help_.trial->attempt(*again, take, monotonic_ns());
+  help_.trial->attempt(*again, take, monotonic_ns(), TrialLink::Turn::idle);  // a swap may replace the law meanwhile
 }
 
 // Sends the law to the Loader.

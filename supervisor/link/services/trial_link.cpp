@@ -70,18 +70,20 @@ void TrialLink::ask_safe_law(Callback callback, std::int64_t limit_ns, std::int6
   ask({{"verb", "ping"}}, Turn::next, limit_ns, std::move(callback), now_ns);
 }
 
-void TrialLink::attempt(const TrialRequest& trial, Callback callback, std::int64_t now_ns, int starved) {
+void TrialLink::attempt(const TrialRequest& trial, Callback callback, std::int64_t now_ns, Turn turn,
+                        int starved) {
   const std::int64_t limit_ns = 4 * trial.box_ms * kNsPerMs + 10 * kNsPerS;
-  const auto take = [this, trial, starved, callback = std::move(callback)](const Answer& answer) {
+  const int most = turn == Turn::idle ? 1 : kMostStarved;
+  const auto take = [this, trial, turn, starved, most, callback = std::move(callback)](const Answer& answer) {
     const Json* json = std::get_if<Json>(&answer);
     if (json == nullptr || json->value("ok", false))
       callback(answer);
-    else if (json->value("starved", false) && starved + 1 < kMostStarved)
-      attempt(trial, callback, monotonic_ns(), starved + 1);
+    else if (json->value("starved", false) && starved + 1 < most)
+      attempt(trial, callback, monotonic_ns(), turn, starved + 1);
     else
       callback(refusal_of(*json));
   };
-  ask(request_of(trial), Turn::in_line, limit_ns, take, now_ns);
+  ask(request_of(trial), turn, limit_ns, take, now_ns);
 }
 
 }  // namespace lithe::control

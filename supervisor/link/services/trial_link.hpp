@@ -35,8 +35,10 @@ class TrialLink : public ServiceLink {
   // `limit_ns`: for the answer, its simulated runs included.
   void ask_safe_law(Callback callback, std::int64_t limit_ns, std::int64_t now_ns);
   // On success: the trial's report. Refusal: trial_failed (the report in `detail.trial`, with "pc_offset" of a crash),
-  // trial_starved, trial_died, or trial_unavailable (the sandbox does not work on this machine).
-  void attempt(const TrialRequest& trial, Callback callback, std::int64_t now_ns, int starved = 0);
+  // trial_starved, trial_died, or trial_unavailable (the sandbox does not work on this machine). With Turn::idle every
+  // other trial goes before it, and one without processor time is not repeated.
+  void attempt(const TrialRequest& trial, Callback callback, std::int64_t now_ns, Turn turn = Turn::in_line,
+               int starved = 0);
 };
 
 }  // namespace lithe::control

@@ -114,6 +114,21 @@ TEST_F(TrialLinkTest, ATrialThatDiesRefusesTheLawItHadAndTheNextOneIsServed) {
   EXPECT_EQ(trial_.restarts(), 1U);
 }
 
+TEST_F(TrialLinkTest, OneThatIsNotUrgentLetsTheOthersGoFirst) {
+  const TrialRequest request = request_of(kGood);
+  std::string order;
+  wait_for([&](const TrialLink::Callback& then) {
+    trial_.attempt(request, [&](const Answer&) { order += "first, "; }, monotonic_ns());
+    const auto last = [&order, then](const Answer& answer) {
+      order += "idle";
+      then(answer);
+    };
+    trial_.attempt(request, last, monotonic_ns(), TrialLink::Turn::idle);
+    trial_.attempt(request, [&](const Answer&) { order += "swap, "; }, monotonic_ns());
+  });
+  EXPECT_EQ(order, "first, swap, idle");
+}
+
 TEST(TrialLinkWithoutATrial, CannotBeStarted) {
   TrialLink trial("/nowhere/lithe-trial", LITHE_ROBOT, {});
   EXPECT_FALSE(trial.start(0));
