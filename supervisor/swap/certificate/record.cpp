@@ -206,10 +206,13 @@ Result<RecordBook::Page> RecordBook::write(const Json& certificate, const std::s
 
 void RecordBook::drop_old_texts(const std::set<fs::path>& needed) {
   std::size_t old = texts_.size() - std::min(texts_.size(), most_texts_);
-  for (auto each = texts_.begin(); old > 0; --old) {
+  std::size_t removals = kMostRemovals;
+  for (auto each = texts_.begin(); old > 0 && removals > 0; --old) {
     const fs::path path = dir_ / fmt::format("{:04}.cpp", *each);
     std::error_code failure;
-    if (!needed.contains(path) && (fs::remove(path, failure), !failure))
+    const bool goes = !needed.contains(path);
+    if (goes) --removals;
+    if (goes && (fs::remove(path, failure), !failure))
       each = texts_.erase(each);
     else
       ++each;

@@ -33,6 +33,7 @@ std::filesystem::path records_of(const std::string& robot);
 class RecordBook {
  public:
   static constexpr std::size_t kMostTexts = 256;
+  static constexpr std::size_t kMostRemovals = 8;
 
   explicit RecordBook(std::filesystem::path dir, std::size_t most_texts = kMostTexts)
       : dir_(std::move(dir)), most_texts_(most_texts) {}
@@ -46,7 +47,8 @@ class RecordBook {
   // Writes a new file, and the law's text beside it unless that is empty. On a full disk it returns an Error; the
   // caller warns and continues.
   Result<Page> write(const Json& certificate, const std::string& source = "");
-  // Removes the texts of laws but for the newest ones and those that are `needed`. Certificates stay, and their chain.
+  // Removes the texts of laws but for the newest ones and those that are `needed`, the oldest first, kMostRemovals a
+  // call: it runs in the event loop, and an update may find thousands. Certificates stay, and their chain.
   void drop_old_texts(const std::set<std::filesystem::path>& needed);
   // Replaces a file of write() atomically.
   Result<> rewrite(const Page& page, const Json& certificate) { return put(page, certificate); }

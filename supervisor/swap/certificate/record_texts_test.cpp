@@ -3,10 +3,12 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <string>
+#include <vector>
 
 #include "supervisor/swap/certificate/record.hpp"
 
@@ -59,6 +61,24 @@ TEST_F(RecordTextsTest, TheNewestTextsAndThoseThatAreNeededStayAndEveryCertifica
   EXPECT_EQ(texts(), "456") << "no longer needed";
   EXPECT_TRUE(verify_chain(dir_).problems.empty());
   EXPECT_EQ(verify_chain(dir_).certificates, 6U);
+}
+
+TEST_F(RecordTextsTest, ManyOldTextsAreRemovedAFewAtATime) {
+  {
+    RecordBook earlier(dir_, 100);
+    for (int i = 0; i < 20; ++i) ASSERT_TRUE(earlier.write({{"law", "pd"}}, "// a law\n"));
+  }
+  RecordBook book(dir_, 3);
+  ASSERT_TRUE(book.write({{"law", "pd"}}));
+  std::vector<std::size_t> texts;
+  for (int i = 0; i < 4; ++i) {
+    book.drop_old_texts({});
+    const auto is_text = [](const auto& entry) { return entry.path().extension() == ".cpp"; };
+    texts.push_back(static_cast<std::size_t>(
+        std::count_if(fs::directory_iterator(dir_), fs::directory_iterator(), is_text)));
+  }
+  EXPECT_EQ(texts, (std::vector<std::size_t>{12, 4, 3, 3}));
+  EXPECT_TRUE(fs::exists(dir_ / "0018.cpp")) << "the newest stay";
 }
 
 TEST_F(RecordTextsTest, AFullDiskForTheTextIsAnErrorToo) {
