@@ -55,9 +55,11 @@ std::string joint_in(std::string_view text, const wire::RobotInfo& info) {
 }
 
 // What the sentence of a stop or a fault has: "velocity_limit at joint wrist: 19.3 rad/s, allowed 18.8" gives joint,
-// value and limit, "allowed -2.5 to 2.5" the limit that was passed. Nothing from numbers that may have been cut off.
+// value and limit, "allowed -2.5 to 2.5" the limit that was passed. Nothing from numbers that may have been cut off: then
+// there is no value, since the event's own number means something else (steps of a rollback, the index of a joint).
 void put_facts(std::string_view text, const wire::RobotInfo& info, Json& out) {
   constexpr std::string_view kAllowed = ", allowed ", kDigits = "0123456789", kNumber = "0123456789.-", kTo = " to ";
+  out.erase("value");
   if (const std::string joint = joint_in(text, info); !joint.empty()) out["joint"] = joint;
   const std::size_t allowed = text.find(kAllowed);
   if (allowed == std::string_view::npos || text.size() + 1 >= sizeof(wire::Event::text)) return;

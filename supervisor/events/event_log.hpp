@@ -17,8 +17,8 @@ namespace lithe::control {
 // An event of the Spine as text.
 Json event_json(const wire::Event& event);
 // With what the event has no field for: of a stop, a law's fault, a rollback or a revert "joint", "value" and "limit",
-// as far as its text has them, and what to do ("next"); after
-// the last two which law runs ("law"), and which joint of a refused plan is beyond which limit.
+// as far as its text has them, and what to do ("next"); after the last two which law runs ("law"), and which joint of a
+// refused plan is beyond which limit.
 Json event_json(const wire::Event& event, const SpineLink& spine);
 // What to do about the reason of a stop, a fault, a rollback or a revert, which is the first word of the Spine's event;
 // empty: somebody asked for it.

@@ -44,6 +44,8 @@ TEST_F(EventJsonTest, ARollbackIsToldWithTheLawThatRunsNow) {
   EXPECT_EQ(told["text"], "shaking; law pd runs now");
   event.code = 4;
   EXPECT_TRUE(event_json(event, *link_)["law"].is_null()) << "the safe law";
+  event.value = 2;
+  EXPECT_FALSE(event_json(event, *link_).contains("value")) << "it is the number of steps, and was not measured";
 }
 
 TEST_F(EventJsonTest, ARollbackIsToldWithWhatToDo) {
@@ -89,9 +91,10 @@ TEST_F(EventJsonTest, AStopAndALawsFaultAreToldWithWhatToDo) {
 TEST_F(EventJsonTest, AStopHasJointValueAndLimitAsFields) {
   const auto told = [&](std::string_view why) {
     wire::Event event = event_of(wire::EventKind::safe_stop);
+    event.value = 3;  // that of a group's stop is the index of its joint
     std::copy(why.begin(), why.end(), event.text.begin());
     const Json all = event_json(event, *link_);
-    return Json{all.value("joint", Json()), all["value"], all.value("limit", Json())};
+    return Json{all.value("joint", Json()), all.value("value", Json()), all.value("limit", Json())};
   };
   EXPECT_EQ(told("velocity_limit at joint hip: 19.3 rad/s, allowed 18.8"), (Json{"hip", 19.3, 18.8}));
   EXPECT_EQ(told("velocity_limit at joint hip, group leg: -19.3 rad/s, allowed 18.8"), (Json{"hip", -19.3, 18.8}));
@@ -101,10 +104,10 @@ TEST_F(EventJsonTest, AStopHasJointValueAndLimitAsFields) {
   EXPECT_EQ(told("oscillating: joint hip, 31 Hz, swings of 20.00, allowed 1.50 rad/s"), (Json{"hip", 20.0, 1.5}));
   EXPECT_EQ(told("guard_busy: joint hip clamped in 80.1 % of ticks, allowed 80: wants 12.000 N m of 0.600"),
             (Json{"hip", 80.1, 80.0}));
-  EXPECT_EQ(told("drive_lost at joint hip"), (Json{"hip", 0.0, nullptr}));
-  EXPECT_EQ(told("not_finite: joint hippo, torque_nm"), (Json{nullptr, 0.0, nullptr})) << "no joint of this robot";
+  EXPECT_EQ(told("drive_lost at joint hip"), (Json{"hip", nullptr, nullptr}));
+  EXPECT_EQ(told("not_finite: joint hippo, torque_nm"), (Json{nullptr, nullptr, nullptr})) << "no joint of this robot";
   const std::string cut = "velocity_limit at joint hip, group " + std::string(37, 'g') + ": 19.3 rad/s, allowed 1";
-  EXPECT_EQ(told(cut), (Json{"hip", 0.0, nullptr})) << "the limit may have had more digits";
+  EXPECT_EQ(told(cut), (Json{"hip", nullptr, nullptr})) << "the limit may have had more digits";
 }
 
 TEST_F(EventJsonTest, ARefusedPlanNamesItsJointUntilANewerOneIsThere) {
