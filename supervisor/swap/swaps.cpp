@@ -175,15 +175,14 @@ void Swaps::write_last_records(std::int64_t now_ns) {
 void Swaps::drop_old_sources() {
   std::set<std::filesystem::path> needed;
   for (const auto& page : lifecycle_.pages()) needed.insert(text_beside(page));
-  for (const auto& [law, text] : sources_) needed.insert(text);
+  for (const auto& [law, text] : sources_.all()) needed.insert(text);
   book_.drop_old_texts(needed);
 }
 
 std::filesystem::path Swaps::source_of(const std::string& law) const {
-  const auto found = sources_.find(law);
+  const std::filesystem::path text = sources_.find(law);
   std::error_code failure;
-  return found != sources_.end() && std::filesystem::exists(found->second, failure) ? found->second
-                                                                                    : std::filesystem::path();
+  return std::filesystem::exists(text, failure) ? text : std::filesystem::path();
 }
 
 std::filesystem::path Swaps::source_of(std::uint32_t law_id) const {
@@ -265,8 +264,7 @@ void Swaps::finish(Entry entry) {
     return;
   }
   if (!swap.refusal()) {
-    if (!entry.record.path.empty()) sources_[swap.compiled().law] = text_beside(entry.record.path);
-    if (sources_.size() > kMostSources) sources_.erase(sources_.begin());
+    if (!entry.record.path.empty()) sources_.add(swap.compiled().law, text_beside(entry.record.path));
     lifecycle_.follow(std::move(swap), entry.record, before_, monotonic_ns());
     entry.callback(certificate);
     return;

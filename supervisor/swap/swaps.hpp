@@ -6,7 +6,6 @@
 #include <deque>
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <optional>
 #include <string>
 #include <variant>
@@ -155,8 +154,7 @@ class Swaps {
   Placement placement_;
   RecordBook book_;
   LateRecords late_;
-  static constexpr std::size_t kMostSources = 256;
-  std::map<std::string, std::filesystem::path> sources_;  // by the name of the law
+  LawTexts sources_;
   std::string write_failed_;  // why the last certificate could not be written; empty = it was written
   Json last_ = nullptr;
   SwapTerms robots_terms_;

@@ -63,7 +63,12 @@ def read(name: str, records: Callable[[], Path]) -> Json:
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        gone = "; the laws of the newest 256 swaps are kept, and those that ran" if swap and swap[2] else ""
+        gone = (
+            "; the texts of the newest 256 swaps are kept, and those of laws that are loaded or ran since the supervisor "
+            "started"
+            if swap and swap[2]
+            else ""
+        )
         words = f"cannot read {path.name}: {error.strerror}{gone}"
         raise Refused("unknown_document", words, "documents lists those that are there") from None
     return Verbatim({"name": name, "type": kinds[name], "text": text})

@@ -109,7 +109,8 @@ int law_show(const Context& context, const std::string& which, const std::string
     const auto text = read_regular_file(path.string(), control::kMaxRecordBytes);
     if (!text) {
       throw Refusal{"no_source",
-                    fmt::format("cannot read {}: the texts of the newest {} swaps are kept, and of laws that ran",
+                    fmt::format("cannot read {}: the texts of the newest {} swaps are kept, and those of laws that are "
+                                "loaded or ran since the supervisor started",
                                 path.string(), control::RecordBook::kMostTexts),
                     "lithe law show has its name and hash"};
     }

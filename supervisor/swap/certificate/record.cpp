@@ -269,6 +269,17 @@ Result<> RecordBook::add_line(const Page& page, const std::string& text) {
   return done();
 }
 
+void LawTexts::add(const std::string& law, const fs::path& text) {
+  std::erase_if(texts_, [&](const auto& each) { return each.first == law; });
+  texts_.emplace_back(law, text);
+  if (texts_.size() > kMost) texts_.pop_front();
+}
+
+fs::path LawTexts::find(const std::string& law) const {
+  const auto found = std::ranges::find(texts_, law, [](const auto& each) -> const std::string& { return each.first; });
+  return found != texts_.end() ? found->second : fs::path();
+}
+
 void LateRecords::hold(std::uint64_t request_id, Json certificate) {
   late_[request_id].certificate = std::move(certificate);
   if (late_.size() > kMost) late_.erase(late_.begin());

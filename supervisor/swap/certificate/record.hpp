@@ -12,10 +12,12 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <filesystem>
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "spine/core/result.hpp"
@@ -73,6 +75,21 @@ class RecordBook {
   bool line_is_cut_ = false;  // its newline is missing: full disk, or a crash
   int folders_ = 0;           // number of times the folder was made again
   std::string begun_anew_;
+};
+
+// The text of each law that ran, by its name.
+// Contract: one thread · the newest of a name, of kMost names; the one that ran first goes when there are more.
+class LawTexts {
+ public:
+  static constexpr std::size_t kMost = 256;
+
+  void add(const std::string& law, const std::filesystem::path& text);
+  // Empty: none is known.
+  std::filesystem::path find(const std::string& law) const;
+  const std::deque<std::pair<std::string, std::filesystem::path>>& all() const { return texts_; }
+
+ private:
+  std::deque<std::pair<std::string, std::filesystem::path>> texts_;  // the newest last
 };
 
 // Certificates that could not be written: they wait until the disk has room, without the texts of their laws.

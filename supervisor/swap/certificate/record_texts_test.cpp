@@ -81,6 +81,20 @@ TEST_F(RecordTextsTest, ManyOldTextsAreRemovedAFewAtATime) {
   EXPECT_TRUE(fs::exists(dir_ / "0018.cpp")) << "the newest stay";
 }
 
+TEST(LawTexts, TheOldestNameGoesFirstAndNotTheFirstOfTheAlphabet) {
+  LawTexts texts;
+  texts.add("pd", "0001.cpp");
+  texts.add("zero", "0002.cpp");
+  for (int i = 1; i < 255; ++i) texts.add("law" + std::to_string(i), "old.cpp");
+  texts.add("pd", "0257.cpp");
+  texts.add("adaptive", "0258.cpp");
+  EXPECT_EQ(texts.find("zero"), "") << "256 ran after it";
+  EXPECT_EQ(texts.find("law1"), "old.cpp");
+  EXPECT_EQ(texts.find("pd"), "0257.cpp") << "the newest of its name";
+  EXPECT_EQ(texts.find("adaptive"), "0258.cpp");
+  EXPECT_EQ(texts.all().size(), LawTexts::kMost);
+}
+
 TEST_F(RecordTextsTest, AFullDiskForTheTextIsAnErrorToo) {
   fs::create_directories(dir_);
   fs::create_symlink("/dev/full", dir_ / "0001.cpp.draft");
