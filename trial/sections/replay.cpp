@@ -39,7 +39,7 @@ bool bounded(TrialContext& context) {
 
 }  // namespace
 
-// When time is short, starts in the middle of the recording: the newest records matter most.
+// When its time is over, it skips the middle of the recording: the newest records matter most.
 bool run_replay(TrialContext& context) {
   const std::size_t records = context.recording.size();
   context.report.replay_records = static_cast<std::uint32_t>(records);
