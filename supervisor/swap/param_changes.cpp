@@ -264,6 +264,7 @@ void ParamChanges::judge_open(std::uint32_t law_id, const std::string& verdict, 
     before.update(record.value("before", Json::object()));
     record["verdict"] = verdict;
     record.erase("reason");
+    record.erase("next");
     if (!reason.empty()) record["reason"] = reason;
     if (const std::string_view next = next_step(reason); !next.empty()) record["next"] = std::string(next);
   }

@@ -183,9 +183,11 @@ TEST_F(ParamChangesTest, ValuesThatPassAreSetAndFollowedUntilTheyAreProven) {
   tell(EventKind::law_unproven, command_.request_id, 1, "moved too little");
   EXPECT_EQ(kept_[0]["verdict"], "unproven");
   EXPECT_EQ(changes_->last()["reason"], "moved too little");
+  tell(EventKind::law_unproven, command_.request_id, 1, "guard_busy: joint elbow");
+  EXPECT_TRUE(kept_[0].contains("next"));
   tell(EventKind::params_confirmed, command_.request_id);
   EXPECT_EQ(kept_[0]["verdict"], "confirmed");
-  EXPECT_FALSE(kept_[0].contains("reason"));
+  EXPECT_FALSE(kept_[0].contains("reason") || kept_[0].contains("next")) << "they belong to the verdict before";
 }
 
 TEST_F(ParamChangesTest, WhatTheSpineOrAPersonTakesBackIsReverted) {
