@@ -40,19 +40,6 @@ std::error_code put_in_place(const fs::path& draft, const fs::path& path) {
   return failure;
 }
 
-// Beside `path`, whole; the caller puts it in place.
-Result<fs::path> write_draft(const fs::path& path, const std::string& text) {
-  const fs::path draft = path.string() + ".draft";
-  std::ofstream file(draft, std::ios::binary | std::ios::trunc);
-  file << text;
-  file.flush();
-  if (file) return draft;
-  file.close();
-  std::error_code failure;
-  fs::remove(draft, failure);
-  return cannot_write(path);
-}
-
 std::string read(const fs::path& path) {
   const auto text = read_regular_file(path.string(), kMaxRecordBytes);
   return text ? *text : "";
@@ -192,11 +179,7 @@ Result<RecordBook::Page> RecordBook::write(const Json& certificate, const std::s
   const Page page{dir_ / fmt::format("{:04}.json", next_), last_line_, folders_};
   if (!source.empty()) {
     const fs::path path = fs::path(page.path).replace_extension(".cpp");
-    const auto draft = write_draft(path, source);
-    if (!draft) return draft.error();
-    std::error_code failure;
-    fs::rename(*draft, path, failure);
-    if (failure) return cannot_write(path);
+    if (!write_file_whole(path.string(), source).empty()) return cannot_write(path);
     texts_.insert(next_);
   }
   if (const auto written = put(page, certificate); !written) return written.error();
@@ -242,15 +225,15 @@ Result<> RecordBook::put(const Page& page, Json certificate) {
   // In a folder made anew the certificate follows the last line that is there.
   certificate["previous"] = page.folder == folders_ ? page.previous : last_line_;
   const std::string text = certificate.dump(2, ' ', false, Json::error_handler_t::replace) + '\n';
-  const auto draft = write_draft(page.path, text);
-  if (!draft) return draft.error();
+  const fs::path draft = page.path.string() + ".draft";
+  if (!write_file_whole(draft.string(), text).empty()) return cannot_write(page.path);
   if (const auto added = add_line(page, text); !added) {
     std::error_code failure;
-    fs::remove(*draft, failure);
+    fs::remove(draft, failure);
     return added;
   }
-  if (const auto failed = put_in_place(*draft, page.path))
-    return Error{fmt::format("cannot rename {}: {}", draft->string(), failed.message())};
+  if (const auto failed = put_in_place(draft, page.path))
+    return Error{fmt::format("cannot rename {}: {}", draft.string(), failed.message())};
   return done();
 }
 

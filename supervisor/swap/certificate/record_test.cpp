@@ -68,7 +68,7 @@ TEST_F(RecordTest, RewritesTheRecordItHasAndUsesNoNewNumber) {
 
 TEST_F(RecordTest, AFullDiskIsAnErrorAndLeavesNoFile) {
   fs::create_directories(dir_);
-  fs::create_symlink("/dev/full", dir_ / "0001.json.draft");
+  fs::create_symlink("/dev/full", dir_ / ("0001.json.draft.part" + std::to_string(::getpid())));
   RecordBook book(dir_);
   const auto page = book.write({{"law", "pd"}});
   ASSERT_FALSE(page);

@@ -97,7 +97,7 @@ TEST(LawTexts, TheOldestNameGoesFirstAndNotTheFirstOfTheAlphabet) {
 
 TEST_F(RecordTextsTest, AFullDiskForTheTextIsAnErrorToo) {
   fs::create_directories(dir_);
-  fs::create_symlink("/dev/full", dir_ / "0001.cpp.draft");
+  fs::create_symlink("/dev/full", dir_ / ("0001.cpp.part" + std::to_string(::getpid())));
   RecordBook book(dir_);
   EXPECT_FALSE(book.write({{"law", "pd"}}, "// a law\n"));
   EXPECT_FALSE(fs::exists(dir_ / "0001.json")) << "it waits for room";
