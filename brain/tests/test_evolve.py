@@ -206,6 +206,12 @@ def test_laws_are_searched_on_the_robot_as_it_was_recorded(tmp_path: Path, capsy
     np.save(tmp_path / "still.npy", still)
     assert main([str(chain), str(PD), "--recorded", str(tmp_path / "still.npy"), "--out", str(tmp_path / "no")]) == 2
     assert "next: record a motion that tells more" in capsys.readouterr().err
+    modelled = tmp_path / "modelled.toml"
+    modelled.write_text(text.replace('kind = "chain"', 'kind = "mujoco"\nmodel = "arm.xml"'))
+    out = tmp_path / "modelled"
+    assert main([str(modelled), str(PD), "--recorded", str(tmp_path / "motion.npy"), "--out", str(out)]) == 2
+    assert 'a plant of kind "mujoco" has its parameters in its model file' in capsys.readouterr().err
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,10 @@ def motions_of(paths: list[Path], joints: int) -> list[list[Motion]]:
 
 
 def identify(robot: Path, plant: Plant, data: list[Path], file: Path | None) -> tuple[Values, str, dict[str, Any]]:
-    """What the motion tells: values of the plant (of a model file none), a table, and the same for JSON."""
+    """What the motion tells: values of the plant (of a model file none), a table, and the same for JSON.
+
+    LitheError: without a model file the plant must be a chain or independent joints.
+    """
     if file is not None:
         model = describe_model(file, tuple(plant.sims))
         fit = identify_chain(model, motions_of(data, len(plant.sims)), look_further=True)
@@ -91,6 +94,11 @@ def identify(robot: Path, plant: Plant, data: list[Path], file: Path | None) -> 
     if plant.kind == "chain":
         fit = identify_chain(describe(robot), motions_of(data, len(plant.sims)), look_further=True)
         return chain_values(plant, fit), table(fit), asdict(fit)
+    if plant.kind != "independent":
+        raise LitheError(
+            f'a plant of kind "{plant.kind}" has its parameters in its model file\n'
+            "  next: python -m lithe.identify --model FILE; change the file by what is printed"
+        )
     motions = motions_of(data, len(plant.sims))
     arms: dict[str, Arm] = {}
     for name, those in zip(plant.sims, zip(*motions, strict=True), strict=True):
