@@ -196,9 +196,7 @@ void Verbs::activate(const ReplyTo& to, const Json& args) {
   go_back(to, static_cast<std::uint32_t>(found - earlier.rbegin()) + 1, in_short(running));
 }
 
-Json Verbs::law_that_runs() const {
-  return in_short(parts_.spine.running_law());
-}
+Json Verbs::law_that_runs() const { return in_short(parts_.spine.running_law()); }
 
 // The law that runs after it, the one that it left, and the laws that are gone with that: no rollback leads to them.
 // The steps are counted from `left`: the Spine refuses them when it has gone back by itself meanwhile.

@@ -70,8 +70,7 @@ void TrialLink::ask_safe_law(Callback callback, std::int64_t limit_ns, std::int6
   ask({{"verb", "ping"}}, Turn::next, limit_ns, std::move(callback), now_ns);
 }
 
-void TrialLink::attempt(const TrialRequest& trial, Callback callback, std::int64_t now_ns, Turn turn,
-                        int starved) {
+void TrialLink::attempt(const TrialRequest& trial, Callback callback, std::int64_t now_ns, Turn turn, int starved) {
   const std::int64_t limit_ns = 4 * trial.box_ms * kNsPerMs + 10 * kNsPerS;
   const int most = turn == Turn::idle ? 1 : kMostStarved;
   const auto take = [this, trial, turn, starved, most, callback = std::move(callback)](const Answer& answer) {

@@ -74,8 +74,8 @@ TEST_F(RecordTextsTest, ManyOldTextsAreRemovedAFewAtATime) {
   for (int i = 0; i < 4; ++i) {
     book.drop_old_texts({});
     const auto is_text = [](const auto& entry) { return entry.path().extension() == ".cpp"; };
-    texts.push_back(static_cast<std::size_t>(
-        std::count_if(fs::directory_iterator(dir_), fs::directory_iterator(), is_text)));
+    texts.push_back(
+        static_cast<std::size_t>(std::count_if(fs::directory_iterator(dir_), fs::directory_iterator(), is_text)));
   }
   EXPECT_EQ(texts, (std::vector<std::size_t>{12, 4, 3, 3}));
   EXPECT_TRUE(fs::exists(dir_ / "0018.cpp")) << "the newest stay";
