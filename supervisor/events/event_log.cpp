@@ -55,8 +55,9 @@ std::string joint_in(std::string_view text, const wire::RobotInfo& info) {
 }
 
 // What the sentence of a stop or a fault has: "velocity_limit at joint wrist: 19.3 rad/s, allowed 18.8" gives joint,
-// value and limit, "allowed -2.5 to 2.5" the limit that was passed. Nothing from numbers that may have been cut off: then
-// there is no value, since the event's own number means something else (steps of a rollback, the index of a joint).
+// value and limit, "allowed -2.5 to 2.5" the limit that was passed. Nothing from numbers that may have been cut off.
+// Without a number in the text there is no value: the event's own means something else (steps of a rollback, the index
+// of a joint).
 void put_facts(std::string_view text, const wire::RobotInfo& info, Json& out) {
   constexpr std::string_view kAllowed = ", allowed ", kDigits = "0123456789", kNumber = "0123456789.-", kTo = " to ";
   out.erase("value");

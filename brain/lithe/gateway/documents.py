@@ -64,8 +64,8 @@ def read(name: str, records: Callable[[], Path]) -> Json:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
         gone = (
-            "; the texts of the newest 256 swaps are kept, and those of laws that are loaded or ran since the supervisor "
-            "started"
+            "; the texts of the newest 256 swaps are kept, and those of laws that are loaded or ran "
+            "since the supervisor started"
             if swap and swap[2]
             else ""
         )
