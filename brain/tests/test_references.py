@@ -194,6 +194,22 @@ def test_it_ends_when_its_client_leaves_or_is_silent_and_not_when_another_does(r
     until(lambda: not kept.told()["streams"])
 
 
+def test_it_says_how_often_and_how_long_its_points_came_too_late(
+    robot: FakeRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread that sends them gets no time for longer than the points last."""
+    kept = References(robot)  # type: ignore[arg-type]
+    kept.set({**SINE, "stay": True})
+    with kept._publishing:  # on a busy machine there may be more of them
+        before, until_ns = kept.told(), kept._until_ns
+        time.sleep(1e-9 * references.PERIOD_NS * references.POINTS + 0.3)
+    until(lambda: kept._until_ns > until_ns)
+    told = kept.told()
+    assert told["interruptions"] > before["interruptions"] and told["lost_s"] >= before["lost_s"] + 0.3
+    told = kept.set({**SINE, "stay": True})
+    assert told["interruptions"] == 0 and told["lost_s"] == 0.0, "of the reference before"
+
+
 def test_a_robot_that_ends_ends_the_reference(robot: FakeRobot) -> None:
     """The thread goes on, and serves the next one."""
     kept = References(robot)  # type: ignore[arg-type]

@@ -138,6 +138,9 @@ class References:
         self._stale_s = math.inf
         self._heard_ns = 0
         self._why = "none was set"
+        self._until_ns = 0  # the last point that was published
+        self._interruptions = 0  # of the reference that was set last, and how long they were together
+        self._lost_s = 0.0
         self._thread: threading.Thread | None = None
 
     def limits(self) -> Limits:
@@ -176,6 +179,7 @@ class References:
             self._begin(made)
             with self._lock:
                 self._now, self._owner, self._why = made, owner, ""
+                self._interruptions, self._lost_s = 0, 0.0
                 self._stale_s = math.inf if stay else stale_s
                 self._heard_ns = time.monotonic_ns()
                 if self._thread is None:
@@ -208,7 +212,9 @@ class References:
         return self.told()
 
     def told(self) -> dict[str, Any]:
-        """`asked` (as it was set; kind rest: none), since_ns, and why the one before ended."""
+        """`asked` (as it was set; kind rest: none), since_ns, and why the one before ended; how often and how long
+        since it was set its points came too late (`interruptions`, `lost_s`), so that the setpoint slowed down.
+        """
         with self._lock:
             now = self._now
             return {
@@ -217,6 +223,8 @@ class References:
                 "ramp_s": now.ramp_s if now else 0.0,
                 "streams": now is not None,
                 "ended": self._why,
+                "interruptions": self._interruptions,
+                "lost_s": round(self._lost_s, 3),
             }
 
     def _where(self, measured_only: bool) -> tuple[Vector, Vector]:
@@ -293,4 +301,10 @@ class References:
         first = (time.monotonic_ns() // PERIOD_NS + 1) * PERIOD_NS
         times = [first + i * PERIOD_NS for i in range(POINTS)]
         limits = self.limits()
-        return self._robot.publish(times, np.clip(now.at(times), limits.least_rad, limits.most_rad))
+        plan_id = self._robot.publish(times, np.clip(now.at(times), limits.least_rad, limits.most_rad))
+        with self._lock:
+            late_s = 1e-9 * (time.monotonic_ns() - self._until_ns)
+            if now is self._now and now.curve is not None and late_s > 0:
+                self._interruptions, self._lost_s = self._interruptions + 1, self._lost_s + late_s
+            self._until_ns = times[-1]
+        return plan_id
