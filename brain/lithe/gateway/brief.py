@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 Json = dict[str, Any]
@@ -62,15 +63,22 @@ def beginning(value: Any, most_bytes: int) -> Any:
     return fields or None
 
 
+def _became(one: tuple[str, Json]) -> tuple[float, float]:
+    """By which factor its error grew (infinite: there was none before), and the error."""
+    rms = one[1]["rms_error_rad"]
+    old, new = float(rms["old"] or 0.0), float(rms["new"] or 0.0)
+    return (new / old if old else math.inf if new else 0.0), new
+
+
 def _joints(control: Json) -> Json:
-    """Old law beside new and what the trial predicted, the joint with the largest error under the new law first."""
+    """Old law beside new and what the trial predicted; first the joint that became worst, by new error / old error."""
     each: Json = {}
     for joint in control.get("joints") or []:
         old, new = joint.get("before") or {}, joint.get("after") or {}
         rms = {"old": old.get("rms_error_rad"), "new": new.get("rms_error_rad"),
                "predicted": joint.get("predicted_rms_error_rad")}  # fmt: skip
         each[str(joint.get("joint"))] = {"rms_error_rad": rms, "chatter_hz": new.get("chatter_hz")}
-    worst: Json = _rounded(dict(sorted(each.items(), key=lambda one: -(one[1]["rms_error_rad"]["new"] or 0.0))))
+    worst: Json = _rounded(dict(sorted(each.items(), key=_became, reverse=True)))
     kept = beginning(worst, MOST_JOINTS_BYTES) or {}
     whole = {name: told for name, told in kept.items() if told == worst[name]}
     return {"joints": whole} | ({"joints_left_out": len(each) - len(whole)} if len(whole) < len(each) else {})

@@ -127,6 +127,16 @@ def test_of_many_joints_the_worst_come_first_and_warnings_have_room() -> None:
     assert short["joints_left_out"] == 32 - len(short["joints"]) and short["warnings"][0].startswith("www")
 
 
+def test_of_many_joints_those_that_became_worse_come_first() -> None:
+    """Not those with the largest error, which a new law may have made ten times smaller."""
+    joints = [
+        {"joint": f"joint_with_a_long_name_{n}", "before": {"rms_error_rad": old}, "after": {"rms_error_rad": new}}
+        for n, (old, new) in enumerate([(0.2, 0.08)] * 6 + [(0.0003, 0.0006)])
+    ]
+    short = brief({"verdict": "confirmed", "control": {"joints": joints}})
+    assert next(iter(short["joints"])) == "joint_with_a_long_name_6" and short["joints_left_out"] > 0
+
+
 def test_a_short_refusal_keeps_as_much_as_there_is_room_for(remote: Remote) -> None:
     source = PD.replace(
         "static void step(", "static void unused(lithe::Effort& u) {\n" + WRONG_NAMES + "\n  }\n  static void step("
