@@ -74,7 +74,7 @@ _VALUES: Schema = {
 _FIELDS: Schema = {
     "type": "array",
     "items": {"type": "string"},
-    "description": "telemetry fields (docs/reference/wire.md); a wrong name is refused with the list of all",
+    "description": "telemetry fields, as in the document telemetry; a wrong name is refused with the list of all",
 }
 _EACH: Schema = {
     "description": "one number for all joints, or one for each",
@@ -93,7 +93,7 @@ VERBS = (
     Verb(
         "describe",
         "The robot: rate, joints with limits and drives, sensors, what is simulated (inertia, friction, delay), "
-        "documents, time now, every verb with its arguments.",
+        "documents, time now; over TCP also every verb with its arguments.",
     ),
     Verb("ping", "The supervisor's process id."),
     Verb(
@@ -123,17 +123,22 @@ VERBS = (
     Verb("latest", "The newest telemetry record.", args=(("fields", _FIELDS),)),
     Verb(
         "history",
-        "Columns of telemetry: every tick of the last 4096, and before them every 20th of the last 60 s (`thinned`).",
+        "Columns of telemetry: every tick of the last 4096, and before them every 20th of the last 60 s (`thinned`). "
+        "A tool's answer has at most 65536 bytes, about 5000 numbers: choose fields and joints.",
         args=(
             ("seconds", _number("how far back, at most 60", exclusiveMinimum=0)),
             ("since_tick", _integer("only ticks after this one", minimum=0)),
+            ("until_tick", _integer("no ticks after this one", minimum=0)),
             ("every", _integer("only ticks that it divides", minimum=1)),
+            ("joints", {"type": "array", "items": {"type": "string"}, "description": "names; columns of these only"}),
             ("fields", _FIELDS),
         ),
     ),
     Verb(
         "measure",
-        "How well the running law follows: each joint's error (rms, median, largest) and torque, missed ticks.",
+        "How well the running law follows: each joint's error (rms, median, largest) and torque, missed ticks, for "
+        "how long no plan was followed, and in which share of the ticks the guard changed a joint's torque, with the "
+        "flags of these ticks. Mode active only.",
         args=(("seconds", _number("how far back, at most 60 (default 4)", exclusiveMinimum=0)),),
     ),
     Verb("state", "The running law's State, name -> value."),
@@ -264,7 +269,7 @@ VERBS = (
         first=True,
         commands=("move", "jog"),
     ),
-    Verb("reference", "The reference that is streamed, since when, and why the one before ended."),
+    Verb("reference", "The reference that is streamed, since when, its interruptions, and why the one before ended."),
     Verb("stop_reference", "The reference comes to rest.", Effect.stops, first=True),
     Verb("arm", "Torque on: the law runs from the next tick.", Effect.moves, first=True),
     Verb(
@@ -275,7 +280,12 @@ VERBS = (
     ),
     Verb("reset", "Clears an e-stop or a safe stop; the robot is disarmed then.", Effect.moves, first=True),
     Verb("sim_reset", "Simulated robots only, disarmed: the joints go back to their start positions.", Effect.moves),
-    Verb("hold", "The setpoint slows down and rests; the law keeps it there.", Effect.stops, first=True),
+    Verb(
+        "hold",
+        "The setpoint slows down and rests; the law runs and keeps it there, until `arm`. No plan is followed.",
+        Effect.stops,
+        first=True,
+    ),
     Verb("disarm", "Torque off.", Effect.stops, first=True),
     Verb("estop", "At once: the drives damp until `reset`.", Effect.stops, first=True),
     Verb(

@@ -7,7 +7,8 @@ JSON lines. The first line is {"token": "..."}; with "client": "SECRET" all conn
 
     describe  {}                                        robot, rate, joints with their limits, all verbs, time now
     latest    {fields?}                                 the newest telemetry record
-    history   {seconds? or since_tick?, every?, fields?}    columns of records, at most the last 60 s, and `lost`
+    history   {seconds? or since_tick?, until_tick?, every?, fields?, joints?}
+                                                        columns of records, at most the last 60 s, and `lost`
     measure   {seconds?}                                errors and torques of each joint under the running law
     publish   {t_ns, position_rad, velocity_rad_s?, streaming?}   a plan of up to 16 waypoints
     estop     {}                                        at once, through shared memory; answered after a tick saw it
@@ -191,7 +192,7 @@ class Gateway:
             name = request.get("id")
             args = request.get("args", {})
             if not isinstance(args, dict):
-                raise Refused("bad_request", "args is an object", "docs/reference/verbs.md")
+                raise Refused("bad_request", "args is an object", "see the document verbs")
             if word := unprintable_in({"verb": request.get("verb"), "args": args}):
                 raise Refused("bad_request", f"{word} is not printable text", "names hold no control characters")
             result = in_the_words_of_verbs(self._call(str(request.get("verb", "")), args))
@@ -203,11 +204,11 @@ class Gateway:
         except NotRunning as error:
             return refusal(name, "disconnected", str(error), "start the robot, then ask again"), 0
         except RecursionError:
-            next_step = "verbs and arguments: docs/reference/verbs.md"
+            next_step = "the document verbs has verbs and arguments"
             return refusal(None, "bad_request", "bad request: nested too deeply", next_step), sum(kept)
         except (ValueError, TypeError, KeyError, ArithmeticError) as error:
             what = f"missing: {error}" if isinstance(error, KeyError) else str(error)
-            next_step = "verbs and arguments: docs/reference/verbs.md"
+            next_step = "the document verbs has verbs and arguments"
             return refusal(name, "bad_request", f"bad request: {what}", next_step), sum(kept)
         except LitheError as error:
             return refusal(name, "error", str(error)), 0
@@ -270,8 +271,14 @@ class Gateway:
                 raise Refused("unknown_field", f"telemetry has no field '{name}'", f"one of {', '.join(known)}")
         return list(fields)
 
-    def _records(self, records: Any, fields: list[str]) -> dict[str, Any]:
-        joints = self.robot.spine.joint_count
+    def _joints(self, args: dict[str, Any]) -> list[int]:
+        known = list(self.robot.spine.joint_names)
+        for name in args.get("joints") or ():
+            if name not in known:
+                raise Refused("unknown_joint", f"there is no joint '{name}'", nearest(str(name), known))
+        return [known.index(name) for name in args.get("joints") or known]
+
+    def _records(self, records: Any, fields: list[str], joints: list[int]) -> dict[str, Any]:
         out: dict[str, Any] = {}
         for name in fields:
             column = records[name]
@@ -282,7 +289,7 @@ class Gateway:
                 valid[np.isnan(column[..., : valid.shape[-1]])] = None
                 out[name] = valid.tolist()
             elif column.ndim > records.ndim and name != "probe":
-                out[name] = column[..., :joints].tolist()
+                out[name] = column[..., joints].tolist()
             else:
                 out[name] = column.tolist()
         return out
@@ -291,14 +298,16 @@ class Gateway:
         record = self.robot.telemetry.latest()
         if record is None:
             raise Refused("not_ready", "no tick yet", "ask again")
-        return self._records(record, self._fields(args, list(record.dtype.names or ())))
+        return self._records(record, self._fields(args, list(record.dtype.names or ())), self._joints({}))
 
     def _history(self, args: dict[str, Any]) -> Any:
-        """Records after tick `since_tick`, else of the last `seconds`; of these the ticks that `every` divides.
+        """Records after tick `since_tick`, else of the last `seconds`; of these the ticks that `every` divides, up to
+        `until_tick`, and of arrays by joint the columns of `joints`.
 
         Before what the Spine still has, `seconds` goes on with thinned records: `thinned` says which.
         """
-        fields = self._fields(args, ["tick", "release_ns", "position_rad"])
+        fields, joints = self._fields(args, ["tick", "release_ns", "position_rad"]), self._joints(args)
+        until = int(args.get("until_tick", np.iinfo(np.int64).max))
         every = max(1, int(args.get("every", 1)))
         since = int(args["since_tick"]) if "since_tick" in args else None
         seconds = float(args.get("seconds", 1.0))
@@ -316,11 +325,11 @@ class Gateway:
                 )
             for records in itertools.chain([older, full], pieces):
                 self.turns.pause()
-                thinned = records[records["tick"] % every == 0]
+                thinned = records[(records["tick"] % every == 0) & (records["tick"] <= until)]
                 seen += 0 if records is older else len(records)
                 if not len(thinned):
                     continue
-                for name, values in self._records(thinned, fields).items():
+                for name, values in self._records(thinned, fields, joints).items():
                     columns[name].append(as_json(values)[1:-1].encode())
                     size += len(columns[name][-1]) + 2
                 if size > MOST_LONG_BYTES:

@@ -49,7 +49,7 @@ class Args:
         try:
             value = np.asarray(given, dtype=np.float64)
         except (TypeError, ValueError):
-            raise Refused("usage", f"'{name}' is not made of numbers", f"give {name} as in docs/agents.md") from None
+            raise Refused("usage", f"'{name}' is not made of numbers", "the document agents has its form") from None
         if not np.isfinite(value).all():
             raise Refused("usage", f"'{name}' holds a number that is not finite", "give finite numbers")
         return value

@@ -26,6 +26,7 @@ FIXED = {
     "rules": (MARKDOWN, "what a law may use, and how it is tried", ROOT / "docs/laws.md"),
     "mistakes": (MARKDOWN, "what LITHE says of usual mistakes, and what to write instead", ROOT / "docs/mistakes.md"),
     "swapping": (MARKDOWN, "the steps of a swap, its terms, probation, and the way back", ROOT / "docs/swap.md"),
+    "agents": (MARKDOWN, "references, swaps and parameters for agents, step by step", ROOT / "docs/agents.md"),
     "verbs": (MARKDOWN, "every verb and every code of a refusal", ROOT / "docs/reference/verbs.md"),
     "telemetry": (MARKDOWN, "every field with its unit", ROOT / "docs/reference/wire.md"),
     "plants": (MARKDOWN, "what a simulated robot contains: delays, model errors", ROOT / "docs/reference/plants.md"),

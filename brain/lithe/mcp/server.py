@@ -26,6 +26,9 @@ MOST_CALLS = 16  # at a time
 MOST_STOPS = 16  # at a time, beside them; an e-stop is not counted
 LOOK_S = 0.25  # at the permission, while a reference runs
 STAY_S = 3600.0  # a reference that is to stay: as long as this server lives, and so long without a word
+STAYS = (
+    "stay is false here: over MCP a reference ends with the permission, with this server, and after {:g} s of silence"
+)
 MOST_ANSWER_BYTES = 64 << 10  # of one tool: a model reads it all
 WHOLE = "the document swaps has every certificate in short; the whole file is on the robot's computer"
 ROBOT = ("tools/call", "resources/list", "resources/read")  # methods that ask it
@@ -181,8 +184,9 @@ class Server:
             args = {"brief": True, "wait": True, **args}  # a model reads it all
         if verb.name == "set_params":
             args = {"wait": True, **args}
-        if verb.name == "set_reference" and args.get("stay"):  # not beyond this server: it watches the permission
-            args = {**args, "stay": False, "client_stale_s": STAY_S}
+        asked_to_stay = verb.name == "set_reference" and bool(args.get("stay"))
+        if asked_to_stay:  # not beyond this server: it watches the permission
+            args = {"client_stale_s": STAY_S, **args, "stay": False}
         try:
             if verb.name == "document" and plots.is_one(args.get("name")):
                 picture = plots.drawn(args["name"], self._call)
@@ -190,6 +194,10 @@ class Server:
             result = self._call(verb.name, args)
             if verb.name == "set_reference" and "since_ns" in result:
                 self._ends_with_the_permission(result)
+                if asked_to_stay:
+                    result = {**result, "note": STAYS.format(result["asked"]["client_stale_s"])}
+            if verb.name == "describe" and isinstance(result, dict):  # tools/list has them
+                result = {name: value for name, value in result.items() if name != "verbs"}
             text = json.dumps(result, default=plain)
         except Refused as error:
             detail = json.dumps(error.detail, default=plain) if error.detail else ""
@@ -201,7 +209,9 @@ class Server:
         except LitheError as error:
             return said(f"error: {error}", error=True)
         if len(text) > MOST_ANSWER_BYTES:
-            next_step = WHOLE if verb.name == "document" else "ask for fewer fields, a shorter time, or every=N"
+            next_step = (
+                WHOLE if verb.name == "document" else "ask for fewer fields or joints, a shorter time, or every=N"
+            )
             return said(f"too_long: {too_long(text)}\nnext: {next_step}", error=True)
         return said(text)
 

@@ -328,6 +328,28 @@ def test_a_reference_ends_with_the_permission(gateway: Gateway, tmp_path: Path) 
     assert gateway.references.told()["ended"] == "its client has left", "nobody watches the permission any more"
 
 
+def test_a_reference_that_is_to_stay_keeps_its_time_of_silence_and_is_told_how_it_ends(fake: Fake) -> None:
+    permission.give(fake.permission, 5)
+    for given, sent in (({}, 3600.0), ({"client_stale_s": 900}, 900)):
+        fake.result = {"since_ns": 0, "asked": {"kind": "sine", "client_stale_s": sent}}
+        told = json.loads(text(fake.tool("set_reference", kind="sine", stay=True, **given)))
+        asked = next(args for verb, args in reversed(fake.asked) if verb == "set_reference")
+        assert asked == {"kind": "sine", "stay": False, "client_stale_s": sent}
+        assert "stay is false here: over MCP a reference ends" in told["note"] and f"{sent:g} s" in told["note"]
+    permission.take_back(fake.permission)
+
+
+def test_describe_leaves_out_the_verbs_that_are_tools(fake: Fake) -> None:
+    fake.result = {"robot": "arm", "verbs": [each.described() for each in VERBS]}
+    assert json.loads(text(fake.tool("describe"))) == {"robot": "arm"}
+
+
+def test_no_tool_names_a_file_that_an_agent_cannot_read(fake: Fake) -> None:
+    told = json.dumps([fake.send("tools/list"), fake.send("prompts/list")])
+    assert ".md" not in told and {"agents", "telemetry", "verbs"} <= set(documents.FIXED)
+    assert str(MOST_ANSWER_BYTES) in BY_NAME["history"].what
+
+
 def test_a_prompt_moves_the_robot_by_a_reference_that_outlasts_a_thought(fake: Fake) -> None:
     for name in ("identify_then_compensate", "improve_by_one_term"):
         told = fake.send("prompts/get", {"name": name})["result"]["messages"][0]["content"]["text"]
