@@ -265,16 +265,6 @@ def test_history_goes_on_where_the_last_answer_ended(remote: Remote) -> None:
     assert thin["tick"][1] - thin["tick"][0] == 10 and thin["tick"][0] % 10 == 0
 
 
-def test_history_has_the_ticks_and_the_joints_that_are_asked_for(remote: Remote) -> None:
-    all_of_them = remote.call("history", seconds=1.0, fields=["tick", "position_rad"])
-    last = all_of_them["tick"][len(all_of_them["tick"]) // 2]
-    some = remote.call("history", seconds=4.0, until_tick=last, fields=["tick", "position_rad"], joints=["shoulder"])
-    assert some["tick"][-1] == last and len(some["position_rad"][0]) == 1
-    with pytest.raises(lithe.Refused, match="no joint 'sholder'") as caught:
-        remote.call("history", joints=["sholder"])
-    assert caught.value.code == "unknown_joint" and "did you mean 'shoulder'?" in caught.value.next
-
-
 def test_history_goes_on_further_back_with_fewer_ticks(remote: Remote) -> None:
     until = time.monotonic() + 60
     while "thinned" not in (past := remote.call("history", seconds=60, fields=["tick"])) and time.monotonic() < until:

@@ -131,6 +131,16 @@ def test_a_long_answer_that_is_too_long_is_refused_with_the_way_out(
     assert remote.call("history", seconds=1.0, every=100, fields=["tick"])["tick"]
 
 
+def test_history_has_the_ticks_and_the_joints_that_are_asked_for(remote: Remote) -> None:
+    all_of_them = remote.call("history", seconds=1.0, fields=["tick", "position_rad"])
+    last = all_of_them["tick"][len(all_of_them["tick"]) // 2]
+    some = remote.call("history", seconds=4.0, until_tick=last, fields=["tick", "position_rad"], joints=["shoulder"])
+    assert some["tick"][-1] == last and len(some["position_rad"][0]) == 1
+    with pytest.raises(lithe.Refused, match="no joint 'sholder'") as caught:
+        remote.call("history", joints=["sholder"])
+    assert caught.value.code == "unknown_joint" and "did you mean 'shoulder'?" in caught.value.next
+
+
 class Unfair(Turns):
     """The broken twin: long answers never wait."""
 
