@@ -168,6 +168,7 @@ def test_a_law_that_stops_the_robot_is_told_to_the_model_and_verbs_bring_the_rob
         assert words in part, (words, part)
 
 
+@pytest.mark.long
 def test_of_a_chain_the_coupled_model_reaches_the_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with running(calm_text(robot="chain"), monkeypatch) as (rig, robot), ModelServer(["no law"]) as server:
         gateway = Gateway(robot, token="sesame")

@@ -97,7 +97,7 @@ def client(name: str, way: Json, calls: list[tuple[str, Json]]) -> Json:
     ("name", "over", "mode"),
     [
         ("python", "stdio", "auto"),
-        ("python", "http", "legacy"),
+        pytest.param("python", "http", "legacy", marks=pytest.mark.long),
         pytest.param("npm", "stdio", "legacy", marks=pytest.mark.long),
         pytest.param("npm", "http", "legacy", marks=pytest.mark.long),
     ],
