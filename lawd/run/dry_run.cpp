@@ -89,7 +89,7 @@ void on_death(int signal, siginfo_t*, void* context) {
   ::raise(signal);  // blocked until this returns
 }
 
-// A crash, a loop without an end (SIGXCPU; SIGPROF on a busy machine, where its time is up first), and what tell_place()
+// A crash, a loop without an end (SIGXCPU; SIGPROF on a busy machine: its time is up first), and what tell_place()
 // makes the processor stop at. On a stack of its own, for a law that has used up its stack.
 void listen_for_death(int fd, const LitheLaw& law) {
   static std::array<char, 64 << 10> memory;
