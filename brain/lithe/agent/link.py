@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robot as the agent sees it, over a connection that may be slow and may break.
 
-What only reads, and what goes back, is asked again after a broken connection; a swap never is: what came of it is read
-from the robot. One thread.
+What only reads, and `activate`, is asked again after a broken connection. A swap, `reset`, `recover` and `arm` never
+are: what came of them is read from the robot. One thread.
 """
 
 from __future__ import annotations
@@ -35,9 +35,14 @@ BY_LAW = (Fault.position_limit, Fault.velocity_limit, Fault.law_not_finite, Faul
 # After these stops verbs lead back. After the others a person looks at a drive, or has stopped the robot.
 MENDABLE = {each.name for each in (*BY_LAW, Fault.sample_stale, Fault.deadline_missed, Fault.brain_stale,
                                    Fault.plan_torn)}  # fmt: skip
-WAYS = 5  # attempts to arm after a stop
+MOST_STEPS = 10  # of one way back: a verb, or a wait until the drives are ready
+BY_PERSON = ("disarmed", "held", "estop")  # events: nothing here asks for these
 MOST_RECOVER_S = 60.0
 ARMED_S = 0.5  # so long it must then stay active
+
+
+class AnotherLaw(LitheError):
+    """A law runs that this program did not put in; it stays."""
 
 
 class Lost(LitheError):
@@ -49,7 +54,7 @@ class Stopped(LitheError):
 
     def __init__(self, status: dict[str, Any]) -> None:
         self.stop: dict[str, Any] = status.get("stopped_by") or {}
-        mode, fault = status.get("mode"), str(status.get("fault"))
+        mode, fault = self.now = str(status.get("mode")), str(status.get("fault"))
         self.by_law = fault in [each.name for each in BY_LAW]
         self.mendable = mode in ("safe_stop", "active") and fault in MENDABLE
         next_step = f". Next: {self.stop['next']}" if self.stop.get("next") else ""
@@ -84,7 +89,10 @@ class Link:
         sleep: Callable[[float], None] = time.sleep,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._remote, self._say, self._within_s, self.sleep, self.now_s = remote, say, within_s, sleep, now_s
+        self._remote, self.say, self._within_s, self.sleep, self.now_s = remote, say, within_s, sleep, now_s
+        self.swaps = 0  # that were sent
+        self._put_in: set[int] = set()  # laws, by these swaps
+        self._pending = ""  # the swap of which the law's id is not known
         self._leased = self._broke = False
         self.gone = False  # given up: nothing can be asked any more, or nothing may be
         about = self.call("describe")
@@ -122,7 +130,7 @@ class Link:
 
     def _lost(self, verb: str, error: LitheError) -> None:
         self._broke = True
-        self._say("disconnected", verb=verb, message=str(error))
+        self.say("disconnected", verb=verb, message=str(error))
 
     def _check(self, refusal: Refused) -> None:
         """Lost when another client has taken the lease meanwhile: then nothing here may move the robot any more."""
@@ -157,12 +165,12 @@ class Link:
     def measure(self, seconds: float) -> tuple[dict[str, Any], list[Motion]]:
         """What the verb `measure` says of the next `seconds`, and the motion of each joint.
 
-        LitheError: in too few ticks of this time the law ran that runs at its end. Stopped: none runs.
+        LitheError: no telemetry, or in too few ticks of this time the law ran that runs at its end. Stopped: none runs.
         """
         since = int(self.call("latest", fields=["tick"])["tick"])
         until_s = self.now_s() + seconds
         pieces: list[dict[str, Any]] = []
-        while (left_s := until_s - self.now_s()) > 0 or not pieces:
+        while (left_s := until_s - self.now_s()) > 0:
             self.sleep(min(1.0, max(left_s, 0.05)))
             piece = self.call("history", seconds=4.0, since_tick=since, fields=FIELDS)
             if piece["tick"]:
@@ -173,6 +181,8 @@ class Link:
         except Refused:
             self.law_id()  # Stopped says it better
             raise
+        if not pieces:
+            raise LitheError(f"no telemetry came in {seconds:g} s")
         if told["ticks"] < LEAST_SHARE * seconds * self.rate_hz:
             raise LitheError(f"only {told['ticks']} ticks were under the law in question")
         columns = {name: np.concatenate([np.asarray(one[name], dtype=float) for one in pieces]) for name in FIELDS}
@@ -187,20 +197,31 @@ class Link:
         return self._swapped(source, name, before, earlier)
 
     def _swapped(self, source: str, name: str, before: int, earlier: Any) -> Outcome:
-        self._say("swap", name=name, probation_s=PROBATION_S)
+        self.say("swap", name=name, probation_s=PROBATION_S)
+        self.swaps, self._pending = self.swaps + 1, name
         try:
             with self.alive():
                 answer = self._remote.call("swap", source=source, name=name, probation_s=PROBATION_S)
         except Refused as refusal:
+            self._pending = ""
             self._check(refusal)
-            self._say("refused", name=name, code=refusal.code, message=refusal.message, detail=refusal.detail)
+            self.say("refused", name=name, code=refusal.code, message=refusal.message, detail=refusal.detail)
             said = f"{refusal.message} Next: {refusal.next}" if refusal.next else refusal.message
             return Outcome(refusal.code, False, before, said, dict(refusal.detail))
         except NotRunning as error:
             self._lost("swap", error)
-            return self.outcome(name, before, earlier, OVER + RUNS)
-        self._say("committed", name=name, certificate=answer)
-        return Outcome(str(answer.get("verdict")), True, int(answer.get("law_id", 0)), detail=answer)
+            done = self.outcome(name, before, earlier, OVER + RUNS)
+        else:
+            self.say("committed", name=name, certificate=answer)
+            done = Outcome(str(answer.get("verdict")), True, int(answer.get("law_id", 0)), detail=answer)
+        if done.runs:
+            self._put_in.add(done.law_id)
+            self._pending = ""
+        return done
+
+    def put_in(self, law_id: int) -> bool:
+        """Whether a swap of this program put that law, which runs now, in."""
+        return law_id in self._put_in or bool(self._pending and self._last_swap().get("source") == self._pending)
 
     def _last_swap(self) -> dict[str, Any]:
         return self.call("status").get("last_swap") or {}
@@ -220,7 +241,7 @@ class Link:
             if verdict in over or self.now_s() > since_s + most_s:
                 said = str(last.get("reason", "")) if ours else "the swap did not reach the robot"
                 runs = now != before and ours and verdict not in ("rolled_back", "refused")
-                self._say("verdict", name=name, verdict=verdict, reason=said, law_id=now)
+                self.say("verdict", name=name, verdict=verdict, reason=said, law_id=now)
                 return Outcome(verdict, runs, now, said, dict(last) if ours else {})
             self.sleep(0.2)
 
@@ -240,15 +261,31 @@ class Link:
         last: dict[str, Any] = next((one for one in reversed(told) if one.get("kind") in kinds), {})
         return f"{last.get('text', '')}" + (f". Next: {last['next']}" if last.get("next") else "")
 
-    def _tried(self, verb: str, /, **args: Any) -> Refused | None:
-        """Why a verb of the way back was refused; None: it was done."""
-        self._say("way_back", verb=verb, **args)
+    def _once(self, verb: str) -> Refused | None:
+        """Why a verb of the way back was refused. None: it was done, or the connection broke; the status says which."""
+        self.say("way_back", verb=verb)
         try:
-            self.call(verb, **args)
+            self._remote.call(verb)
+        except NotRunning as error:
+            self._lost(verb, error)
         except Refused as refusal:
-            self._say("refused", name=verb, code=refusal.code, message=refusal.message)
-            return refusal
+            self._check(refusal)
+            self.say("refused", name=verb, code=refusal.code, message=refusal.message)
+            return refusal if refusal.code != "disconnected" else None
         return None
+
+    def _activated(self, law_id: int) -> bool:
+        """Whether `activate` was not refused; then waits until that law runs, or would once armed."""
+        self.say("way_back", verb="activate", law=law_id)
+        try:
+            self.call("activate", law=law_id)
+        except Refused as refusal:
+            self.say("refused", name="activate", code=refusal.code, message=refusal.message)
+            return False
+        until_s = self.now_s() + 2.0
+        while self.call("latest", fields=["law_id"])["law_id"] != law_id and self.now_s() < until_s:
+            self.sleep(0.05)
+        return True
 
     def go_back_to(self, law_id: int, source: str, name: str) -> int:
         """That law runs again, by `activate`; where it is no longer loaded, by a swap of its source. Its id now.
@@ -257,46 +294,68 @@ class Link:
         """
         if self.law_id() == law_id:
             return law_id
-        if self._tried("activate", law=law_id) is None:
-            until_s = self.now_s() + 2.0
-            while self.law_id() != law_id and self.now_s() < until_s:
-                self.sleep(0.05)
-        elif source and (done := self.swap(source, name)).runs:
+        if not self._activated(law_id) and source and (done := self.swap(source, name)).runs:
             return done.law_id
         if self.law_id() != law_id:
             raise LitheError(f"the best law does not run: law {self.law_id()} does, and no verb leads to law {law_id}")
         return law_id
 
     def come_back(self, law_id: int, source: str, name: str) -> int:
-        """After a stop: that law runs again, armed. Its id now. Lost: no verb leads there, or a person stopped it."""
+        """After a stop: that law runs again, armed once. Its id now.
+
+        Before each verb the status is judged anew. Lost: no verb leads there, or a person stopped the robot. Stopped:
+        it did not stay active. AnotherLaw: another client put one in.
+        """
+        left_in, verb, there = "", "arm", False  # left_in: the mode in which the last verb here leaves the robot
         refusal: Refused | None = None
-        for _ in range(WAYS):
+        for _ in range(MOST_STEPS):
             status = self.call("status")
-            if status["mode"] == "estop":
-                break
-            if status["fault"] != "none":
-                self._tried("reset")
-            refusal = self._tried("activate", law=law_id)
-            if refusal is not None and source:
-                done = self._swapped(source, name, 0, self._last_swap().get("request_id"))
-                law_id, refusal = (done.law_id, None) if done.law_id else (law_id, refusal)
-            if refusal is not None:  # nobody arms a law that may be the one that stopped the robot
-                break
-            refusal = self._tried("arm")
-            if refusal is None:
-                self.sleep(ARMED_S)
-                now = self.call("latest", fields=["mode", "fault", "law_id"])
-                if (now["mode"], now["fault"], now["law_id"]) == (Mode.active, Fault.none, law_id):
-                    return law_id
-            elif refusal.code == "refused_outside":
+            stop = Stopped(status)
+            self._nobody_else(stop)
+            if stop.mendable:
+                self._once("reset")
+                left_in, verb = "disarmed", "arm"
+            elif stop.now != (left_in, "none"):
+                raise Lost(f"{stop}; this is for a person to look at")
+            elif not there:
+                law_id, there = self._put_back(law_id, source, name), True
+            elif status["law_id"] != law_id:
+                raise AnotherLaw(f"law {status['law_id']} is there in place of law {law_id}: another client put it in")
+            elif status.get("recovering"):
                 self._brought_inside()
-            else:
+            elif (refusal := self._once(verb)) is not None:
+                if refusal.code == "refused_fault":  # the law stopped it in the first tick
+                    raise Stopped(self.call("status"))
+                verb = "recover" if refusal.code == "refused_outside" else verb
                 self.sleep(1.0)
-        raise Lost(f"no verb led back: {refusal or Stopped(self.call('status'))}")
+            elif verb == "recover":
+                left_in, verb = "recover", "arm"
+            else:
+                self.sleep(ARMED_S)
+                self.law_id()
+                return law_id
+        raise Lost(f"no verb led back: {refusal or stop}")
+
+    def _nobody_else(self, stop: Stopped) -> None:
+        """Lost: since the last stop a person disarmed or stopped the robot, or had it hold."""
+        kinds = [str(each.get("kind")) for each in self.call("events", limit=100)["events"]]
+        stops = [at for at, kind in enumerate(kinds) if kind in ("safe_stop", "group_stopped")]
+        if found := [kind for kind in kinds[stops[-1] if stops else 0 :] if kind in BY_PERSON]:
+            raise Lost(f"{stop}; {found[-1]} by another client meanwhile: this is for a person to look at")
+
+    def _put_back(self, law_id: int, source: str, name: str) -> int:
+        """Of a robot at rest: that law is there for `arm`. Its id now. Lost: it is not, so that nobody arms another."""
+        if self._activated(law_id):
+            return law_id
+        done = self._swapped(source, name, 0, self._last_swap().get("request_id")) if source else Outcome("", False)
+        if not done.law_id:
+            raise Lost(f"no verb leads back to law {law_id}: {done.said}")
+        return done.law_id
 
     def _brought_inside(self) -> None:
-        """`recover`, and waits for its end."""
-        self._tried("recover")
+        """Waits for the end of `recover`. Lost: it does not end."""
         until_s = self.now_s() + MOST_RECOVER_S
-        while self.call("status").get("recovering") and self.now_s() < until_s:
+        while self.call("status").get("recovering"):
+            if self.now_s() > until_s:
+                raise Lost(f"recover takes longer than {MOST_RECOVER_S:g} s")
             self.sleep(0.2)

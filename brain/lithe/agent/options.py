@@ -14,7 +14,7 @@ from ..errors import LitheError
 from ..files import read_regular
 from .model import Model
 from .prompt import MOST_GOAL_CHARS
-from .reference import CHIRP_S, KINDS, MOST_WINDOW_S, Asked, bad_share
+from .reference import CHIRP_S, KINDS, MOST_GROWTH, MOST_WINDOW_S, Asked, bad_share
 from .score import SCORES
 from .transcript import Transcript
 
@@ -42,6 +42,16 @@ def share(text: str) -> float:
         value = math.nan
     if wrong := bad_share(value):
         raise argparse.ArgumentTypeError(wrong)
+    return value
+
+
+def growth(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 1 <= value <= MOST_GROWTH:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number from 1 (no growth) to {MOST_GROWTH:g}")
     return value
 
 
@@ -84,7 +94,7 @@ def motion_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration-s", type=seconds, default=CHIRP_S, metavar="S", help="of a chirp")
     parser.add_argument("--window", type=_window, default=4.0, metavar="S", help="of one measurement, at least")
     parser.add_argument("--amplitude", type=share, default=0.5, help="share of the largest motion to begin with")
-    parser.add_argument("--growth", type=seconds, default=1.5, help="of the amplitude after a better law, at most 2")
+    parser.add_argument("--growth", type=growth, default=1.5, help="of the amplitude after a better law, at most 2")
     parser.add_argument(
         "--score", choices=tuple(SCORES), default="rms",
         help="what is to be least: rms or largest error, or torque with errors no larger than at the start",

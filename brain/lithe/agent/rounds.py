@@ -2,12 +2,13 @@
 """The loop: measure, identify, propose, swap, compare, keep the best.
 
 Before each swap the best law runs. So a law that is not better is taken back by `activate`, and however the loop ends,
-the best law runs. A stop that verbs lead back from is a generation that failed. No setting and nothing that a model
-answers can change the terms of a swap.
+the best law runs. If verbs can end the stop, the generation has failed and the run continues. No setting and nothing
+that a model answers can change the terms of a swap.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
@@ -16,7 +17,7 @@ from ..errors import LitheError
 from ..identify import Motion
 from . import prompt
 from .extract import NoLaw, law_in
-from .link import Link, Lost, Stopped
+from .link import AnotherLaw, Link, Lost, Stopped
 from .model import ModelError, Reply
 from .plant import identified
 from .prompt import Try
@@ -120,18 +121,21 @@ class Rounds:
         self._seen: set[str] = set()
 
     def run(self) -> Result:
-        """Never raises LitheError: what ended it is in the result, and the best law runs, if any can."""
+        """Never raises LitheError: what ended it is in the result. The best law runs then, also after any other error,
+        but not on a robot that has stopped, and not in place of another client's law.
+        """
         result = self.result
         try:
             self._start()
             self._rounds()
-        except (Lost, Stopped) as end:
+        except (Lost, Stopped, AnotherLaw) as end:
             result.why, result.stopped = str(end), True
         except LitheError as error:
             result.why = str(error)
         except KeyboardInterrupt:
             result.why = "interrupted"
-        self._end()
+        finally:
+            self._end()
         return result
 
     # ---- measuring
@@ -167,6 +171,7 @@ class Rounds:
     def _rounds(self) -> None:
         failures = 0
         for number in range(1, self.limits.rounds + 1):
+            self.result.swaps = self.link.swaps
             if self.result.swaps >= self.limits.swaps:
                 self.result.why = f"the budget of {self.limits.swaps} swaps is used up"
                 return
@@ -197,11 +202,17 @@ class Rounds:
 
     def _still_best(self) -> None:
         """The best law runs. One that failed meanwhile, so that the Spine took it back, is the best no longer."""
-        self._running = self.link.law_id()
+        self._running = self._ours(self.link.law_id())
         while self._bests[-1].law_id != self._running:
             if self._running not in [each.law_id for each in self._bests[:-1]]:
-                raise LitheError(f"law {self._running} runs, which is none of this run: another client put it in")
+                raise LitheError(f"law {self._running} runs, which is not the best")
             self._demote("taken_back", self.link.taken_back())
+
+    def _ours(self, law_id: int) -> int:
+        """That id. AnotherLaw: it is of no law of this run, so that this run must not replace it."""
+        if law_id not in [each.law_id for each in self._bests] and not self.link.put_in(law_id):
+            raise AnotherLaw(f"law {law_id} runs, which is none of this run: another client or the Spine put it in")
+        return law_id
 
     def _demote(self, verdict: str, said: str) -> None:
         """The law before the best one is the best again."""
@@ -223,8 +234,7 @@ class Rounds:
         self._still_best()  # a model thinks for long
         self._seen.add(source)
         self._say("proposed", name=name, sha256=self._keep(f"laws/{name}", source), mended=told)
-        self.result.swaps += 1
-        before = self._bests[-1].law_id
+        before, self._running = self._bests[-1].law_id, 0  # not known while the swap is under way
         done = self.link.swap(source, name)
         if not done.runs:
             if done.verdict in SAYS_NOTHING:
@@ -259,6 +269,8 @@ class Rounds:
         except LitheError as error:  # it was taken back meanwhile
             self._say("not_measured", name=name, message=str(error))
         done = self.link.outcome(name, before)
+        if done.law_id != law_id:
+            self._ours(done.law_id)
         told = told if told is not None and told.law_id == law_id else None
         if not done.runs or told is None or done.law_id != law_id:
             verdict = "taken_back" if done.verdict == "confirmed" else done.verdict or "rolled_back"
@@ -276,24 +288,28 @@ class Rounds:
 
     def _back_to_best(self) -> None:
         best = self._bests[-1]
+        self._ours(self.link.law_id())
         self._running = self.link.go_back_to(best.law_id, best.source, f"best_{best.number:03}.cpp")
         self._bests[-1] = replace(best, law_id=self._running)
 
     def _come_back(self, stop: Stopped, blamed: bool) -> None:
         """The best law runs again and is measured again. `blamed`: it has stopped the robot itself, so it is the law
-        before it that does. Lost: no verb leads back, or the law at the start stops the robot, too.
+        before it that does. Lost: no verb leads back, or there is none before it.
         """
         for _ in range(MOST_STOPS):
             self.result.stops += 1
             self._say("stopped", message=str(stop), stop=stop.stop)
             if not stop.mendable:
                 raise Lost(f"{stop}; this is for a person to look at")
-            if blamed and len(self._bests) > 1:
+            if blamed and len(self._bests) == 1:
+                raise Lost(f"{stop}; the law at the start stops the robot, too")
+            if blamed:
                 self._demote("stopped", str(stop))
             best = self._bests[-1]
             try:
                 self._running = self.link.come_back(best.law_id, best.source, f"best_{best.number:03}.cpp")
                 self._bests[-1] = replace(best, law_id=self._running)
+                self._still_best()
                 self.moves.start(self.share)
                 self._measure_best()
                 return
@@ -303,8 +319,8 @@ class Rounds:
 
     def _measure_best(self) -> None:
         told = self._measured()
-        if told.law_id != self._bests[-1].law_id:
-            raise LitheError("the best law was replaced meanwhile by another client")
+        if self._ours(told.law_id) != self._bests[-1].law_id:
+            raise LitheError("the best law was replaced meanwhile")
         best = self.result.tries[self.result.best]
         self.result.tries[self.result.best] = replace(best, share=self.share, measured=told)
 
@@ -325,6 +341,7 @@ class Rounds:
     def _end(self) -> None:
         """The best law runs, and the setpoint rests, whatever happened; not where another moves the robot now."""
         result = self.result
+        self._say, self.link.say = _unheard(self._say), _unheard(self.link.say)
         try:
             if self._bests and not self.link.gone and not result.stopped:
                 self._end_on_best()
@@ -337,12 +354,24 @@ class Rounds:
                 self.moves.stop()
         except (LitheError, KeyboardInterrupt) as error:
             self._say("trouble", message=str(error))
+        result.swaps = self.link.swaps
         self._say("end", why=result.why, best=result.best, swaps=result.swaps, stops=result.stops)
 
     def _end_on_best(self) -> None:
+        """Not on a robot that has stopped: nothing of this run is left that would have to move it."""
         try:
             self._still_best()
-        except Stopped as stop:
-            self._come_back(stop, stop.by_law and self._running == self._bests[-1].law_id)
+        except (Lost, Stopped, AnotherLaw):
+            raise
         except LitheError:
             self._back_to_best()
+
+
+def _unheard(say: Callable[..., None]) -> Callable[..., None]:
+    """The same, but that nobody can be told, as with a full disk, ends nothing."""
+
+    def tell(kind: str, /, **what: Any) -> None:
+        with contextlib.suppress(OSError):
+            say(kind, **what)
+
+    return tell

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion on which the agent compares laws, the goal, and the scores."""
 
+import argparse
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import pytest
 from fake_robot import JOINT, FakeModel, FakeRobot, run, streamer
 from lithe.agent.link import Link
+from lithe.agent.options import motion_options
 from lithe.agent.reference import MOST_GROWTH, Asked, Streamer, grown, reference_of
 from lithe.agent.rounds import Limits, Rounds
 from lithe.agent.score import SCORES, Measured, better
@@ -55,15 +57,27 @@ def test_measured_are_whole_periods_and_a_faster_sine_is_smaller(tmp_path: Path)
     assert steps.at(0.1)["position_rad"] == [[0.0], [0.5]], "what was asked for is not made smaller"
 
 
+def test_the_growth_is_a_number_from_1_to_2(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    motion_options(parser)
+    assert parser.parse_args(["--growth", "1.2"]).growth == 1.2
+    for wrong in ("x", "nan", "0.5", "3"):
+        with pytest.raises(SystemExit):
+            parser.parse_args(["--growth", wrong])
+        assert f"'{wrong}' is no number from 1 (no growth) to 2" in capsys.readouterr().err
+
+
 def test_a_motion_that_is_none_is_refused_with_the_next_step(tmp_path: Path) -> None:
     joints = [{"name": "a", **JOINT}]
     (tmp_path / "a.json").write_text("[1]")
+    (tmp_path / "stays.json").write_text('{"kind": "steps", "position_rad": [[0.0]], "every_s": 1, "stay": true}')
     for goal, asked, words in (
         ("track 50 Hz", Asked(), "at most 5 Hz"),
         ("", Asked("multisine"), "--frequency-hz, all of them"),
         ("", Asked("chirp", [1.0]), "the first and the last"),
         ("", Asked("triangle"), "a JSON file"),
         ("", Asked(str(tmp_path / "a.json")), "holds no object"),
+        ("", Asked(str(tmp_path / "stays.json")), "has no argument 'stay'"),
     ):
         with pytest.raises(LitheError, match=words):
             reference_of(joints, goal, asked)

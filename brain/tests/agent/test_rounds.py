@@ -3,6 +3,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from lithe.agent.prompt import Try
 from lithe.agent.rounds import Limits, Result, Rounds
 from lithe.agent.score import Measured
 from lithe.agent.transcript import Transcript, broken_at
+from lithe.errors import LitheError
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.1, 2.0])
@@ -89,6 +91,72 @@ def test_a_lease_that_another_took_meanwhile_ends_it_and_nothing_is_moved_any_mo
     assert result.stopped and "another client moves the robot" in result.why
     after = [verb for verb, _ in robot.asked][[verb for verb, _ in robot.asked].index("swap") + 1 :]
     assert set(after) <= {"lease", "status", "latest"}, after
+
+
+@pytest.mark.parametrize("verb", ["", "measure", "activate"])
+def test_a_law_that_another_client_put_in_stays_and_ends_it(verb: str) -> None:
+    robot = FakeRobot()
+
+    def other() -> None:
+        if verb:
+            robot.then = {verb: robot.other_law}
+        else:
+            robot.other_law()
+
+    result, _, said = run(robot, [0.3, other, 0.25, 0.1], growth=1.0)
+    assert result.stopped and "none of this run" in result.why
+    assert robot.laws[robot.active] == 0.6 and said[-1][0] == "end"
+
+
+@pytest.mark.parametrize("kind", ["committed", "verdict", "way_back"])
+def test_a_disk_that_is_full_ends_it_with_the_best_law(kind: str) -> None:
+    robot = FakeRobot()
+    full = list[str]()
+
+    def say(what: str, /, **_: Any) -> None:
+        if what == kind or full:
+            full.append(what)
+            raise OSError("no space left")
+
+    link = Link(robot, say, 30.0, robot.sleep, lambda: robot.now)
+    limits = Limits(rounds=2, window_s=2.0, share=1.0)
+    with pytest.raises(OSError, match="no space left"):
+        Rounds(link, streamer(link), FakeModel([0.5, 0.45]), "least error", limits, say).run()
+    assert robot.laws[robot.active] == 0.4 and robot.moves["kind"] == "rest" and full[-1] == "end"
+
+
+def test_an_interrupt_under_a_law_that_is_not_compared_yet_ends_it_with_the_best_law() -> None:
+    robot = FakeRobot()
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    def commit() -> None:
+        robot.then = {"swap": interrupt}
+
+    result, _, _ = run(robot, [0.3, commit], growth=1.0)
+    assert result.why == "interrupted" and not result.stopped and robot.laws[robot.active] == 0.3
+
+
+def test_the_budget_counts_swaps_back_to_the_best_law() -> None:
+    robot = FakeRobot()
+
+    def forget() -> None:
+        robot.then = {"swap": robot.before.clear}
+
+    result, _, _ = run(robot, [0.1, forget, 0.05], growth=1.0, swaps=3)
+    sent = [args["name"] for verb, args in robot.asked if verb == "swap"]
+    assert sent == ["agent_001.cpp", "agent_002.cpp", "best_001.cpp"] and result.swaps == 3
+    assert "budget of 3 swaps" in result.why and robot.laws[robot.active] == 0.1
+
+
+def test_a_measurement_without_telemetry_is_given_up() -> None:
+    robot = FakeRobot()
+    link = Link(robot, sleep=robot.sleep, now_s=lambda: robot.now)
+    robot.history = lambda fields, **_: {name: [] for name in fields}  # type: ignore[method-assign, assignment]
+    with pytest.raises(LitheError, match="no telemetry came in 2 s"):
+        link.measure(2.0)
+    assert robot.now < 110
 
 
 def test_a_robot_that_is_gone_is_given_up() -> None:
