@@ -77,13 +77,13 @@ STEPS = [
     ),
     Step(
         "fuzz",
-        f"{build('asan', 'fuzzers')} && {PYTHON} tools/fuzz.py",
+        f"{build('fuzz')} && {PYTHON} tools/fuzz.py",
         "the command behind `again:`; then a test of its own for what it found",
     ),
     Step("asan-all", f"{build('asan')} && ctest --preset asan -j {JOBS}", "ctest --preset asan -R NAME", long=True),
     Step(
         "fuzz-long",
-        f"{build('asan', 'fuzzers')} && {PYTHON} tools/fuzz.py --seconds 60 --jobs {JOBS}",
+        f"{build('fuzz')} && {PYTHON} tools/fuzz.py --seconds 60 --jobs {JOBS}",
         "the command behind `again:`; then a test of its own for what it found",
         long=True,
     ),
