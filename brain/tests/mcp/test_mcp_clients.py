@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from lithe.mcp.http import Endpoint, Handler
 from lithe.mcp.protocol import HANDSHAKE, STATELESS
 from lithe.mcp.server import Server
 from lithe.vocabulary import BY_NAME
+from mcp_endpoint import serving
 from system.pypi import Package, had
 from system.robot_rig import ROOT
 
@@ -61,13 +61,8 @@ def endpoint(tmp_path: Path) -> Iterator[Endpoint]:
     answers = {"documents": lambda _: {"documents": documents.listed()},
                "document": lambda args: documents.read(args["name"], lambda: tmp_path)}  # fmt: skip
     server = Server(lambda verb, args: answers.get(verb, lambda _: verb)(args), tmp_path / "none")
-    made = Endpoint(server, 0, TOKEN)
-    thread = threading.Thread(target=made.serve_forever)
-    thread.start()
-    yield made
-    made.shutdown()
-    thread.join()
-    made.server_close()
+    with serving(server, TOKEN) as made:
+        yield made
 
 
 def words(*more: str) -> tuple[list[str], dict[str, str]]:

@@ -4,7 +4,6 @@
 import http.client
 import json
 import socket
-import threading
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 from lithe.mcp.http import MOST_CLIENTS, Endpoint
 from lithe.mcp.protocol import HANDSHAKE, META, MOST_LINE_BYTES, STATELESS, VERSIONS
 from lithe.mcp.server import Server
+from mcp_endpoint import serving
 
 Json = dict[str, Any]
 PING = json.dumps({"jsonrpc": "2.0", "id": 7, "method": "ping"}).encode()
@@ -22,13 +22,8 @@ PING = json.dumps({"jsonrpc": "2.0", "id": 7, "method": "ping"}).encode()
 @pytest.fixture
 def endpoint(tmp_path: Path) -> Iterator[Endpoint]:
     """A server without a robot: each verb answers its own name."""
-    made = Endpoint(Server(lambda verb, _: verb, tmp_path / "none"), 0, "sesame")
-    thread = threading.Thread(target=made.serve_forever)
-    thread.start()
-    yield made
-    made.shutdown()
-    thread.join()
-    made.server_close()
+    with serving(Server(lambda verb, _: verb, tmp_path / "none"), "sesame") as made:
+        yield made
 
 
 def ask(
