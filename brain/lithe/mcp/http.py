@@ -7,9 +7,11 @@ could send requests, too: so a request needs the token of a file of mode 0600, a
 
 from __future__ import annotations
 
+import contextlib
 import hmac
 import json
 import queue
+import socket
 import sys
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -25,6 +27,7 @@ from .server import Server
 PATH = "/mcp"
 HERE = ("127.0.0.1", "localhost", "::1")
 MOST_CLIENTS = 32  # connections at a time
+LEAVE_S = 1.0  # how long one that is ended may take to leave its place
 BODY_S = 10.0  # how long a client may take to send its request, and to begin the next one
 
 
@@ -36,20 +39,44 @@ class Endpoint(ThreadingHTTPServer):
     def __init__(self, server: Server, port: int, token: str = "") -> None:
         self.mcp, self.token = server, token
         self.places = threading.BoundedSemaphore(MOST_CLIENTS)
+        self.idle: dict[socket.socket, None] = {}  # connections without a request, the longest so first
+        self.lock = threading.Lock()
         super().__init__(("127.0.0.1", port), Handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """One connection more, or none: then it is closed at once."""
-        if self.places.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
+        """One connection more. Without a place the one that is idle the longest ends, or this one: none is idle."""
+        if not self.places.acquire(blocking=False) and not (self._end_idle() and self.places.acquire(timeout=LEAVE_S)):
             self.shutdown_request(request)
+            return
+        self.now_idle(request)
+        super().process_request(request, client_address)
+
+    def now_idle(self, request: socket.socket) -> None:
+        """A connection waits for its next request."""
+        with self.lock:
+            self.idle[request] = None
+
+    def now_busy(self, request: socket.socket) -> None:
+        """A connection has a request, or has ended."""
+        with self.lock:
+            self.idle.pop(request, None)
+
+    def _end_idle(self) -> bool:
+        """End the connection that is idle the longest; whether there was one."""
+        with self.lock:
+            if not self.idle:
+                return False
+            self.idle.pop(first := next(iter(self.idle)))
+            with contextlib.suppress(OSError):
+                first.shutdown(socket.SHUT_RDWR)  # its thread reads the end of it, and leaves
+        return True
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
         """Until the connection ends."""
         try:
             super().process_request_thread(request, client_address)
         finally:
+            self.now_busy(request)
             self.places.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -65,6 +92,17 @@ class Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:
         """Nothing."""
+
+    def handle_one_request(self) -> None:
+        """One request, from when the client may send it until it is answered."""
+        super().handle_one_request()
+        self.server.now_idle(self.connection)
+
+    def parse_request(self) -> bool:
+        """The request, once all of its headers have come."""
+        read = super().parse_request()
+        self.server.now_busy(self.connection)
+        return read
 
     def do_POST(self) -> None:
         """One message of the protocol."""
