@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,8 +25,9 @@ RACE_TESTS = f"(^|[.])({RACE_ROOMS.replace(' ', '|')})$"
 # What shares the process of the tick, or reads bytes that others wrote into it. The other rooms (supervisor, lawd,
 # trial) run under AddressSanitizer in `asan-all`: building them takes longer than all of this.
 MEMORY_ROOMS = "load arena robot"
-MEMORY_TARGETS = "tick_tests " + " ".join(f"{room}_tests" for room in MEMORY_ROOMS.split())
+MEMORY_TARGETS = "tick_tests fuzzers " + " ".join(f"{room}_tests" for room in MEMORY_ROOMS.split())
 MEMORY_TESTS = f"^(tick[.].*|{MEMORY_ROOMS.replace(' ', '|')})$"
+FOUND = "of a fuzzer the command behind `again:`, then a test of its own for what it found"
 BOARD_TARGETS = "lithe lithe-spine lithe-spine-sim lawd lithe-trial lithe-sim"
 
 
@@ -72,19 +74,15 @@ STEPS = [
     ),
     Step(
         "asan",
-        f"{build('asan', MEMORY_TARGETS)} && ctest --preset asan -L '{MEMORY_TESTS}' -j {JOBS}",
-        "ctest --preset asan -R NAME",
-    ),
-    Step(
-        "fuzz",
-        f"{build('fuzz')} && {PYTHON} tools/fuzz.py",
-        "the command behind `again:`; then a test of its own for what it found",
+        f"{build('asan', MEMORY_TARGETS)} && ctest --preset asan -L '{MEMORY_TESTS}' -j {JOBS}"
+        f" && {PYTHON} tools/fuzz.py",
+        f"ctest --preset asan -R NAME; {FOUND}",
     ),
     Step("asan-all", f"{build('asan')} && ctest --preset asan -j {JOBS}", "ctest --preset asan -R NAME", long=True),
     Step(
         "fuzz-long",
-        f"{build('fuzz')} && {PYTHON} tools/fuzz.py --seconds 60 --jobs {JOBS}",
-        "the command behind `again:`; then a test of its own for what it found",
+        f"{build('asan', 'fuzzers')} && {PYTHON} tools/fuzz.py --seconds 60 --jobs {JOBS}",
+        FOUND,
         long=True,
     ),
     Step(
@@ -127,11 +125,9 @@ def run(step: Step) -> str:
     )
     taken = time.monotonic() - started
     end = {0: "ok", SKIPPED: "skip"}.get(done.returncode, "")
-    if end != "ok":
-        print(done.stdout[-20000:] + done.stderr[-20000:], end="")
-    elif step.name == "lint":
-        print(done.stdout, end="")
-    print(f"{end or 'FAIL':<4} {step.name:<8} {taken:6.1f} s" + ("" if end else f"   to fix: {step.fix}"), flush=True)
+    said = done.stdout[-20000:] + done.stderr[-20000:] if end != "ok" else done.stdout if step.name == "lint" else ""
+    verdict = f"{end or 'FAIL':<4} {step.name:<8} {taken:6.1f} s" + ("" if end else f"   to fix: {step.fix}")
+    print(f"{said}{verdict}\n", end="", flush=True)
     return end
 
 
@@ -155,7 +151,12 @@ def main() -> int:
     unknown = set(args.steps) - {step.name for step in STEPS}
     if unknown:
         parser.error(f"no such step: {', '.join(sorted(unknown))}")
-    ends = {step.name: run(step) for step in wanted}
+    # Two at a time: some are one process for minutes, and while a build links, or is configured, a core is free.
+    # The long ones start robots, which need the machine, and share their builds.
+    short, long = ([step for step in wanted if step.long is which] for which in (False, True))
+    with ThreadPoolExecutor(2) as pool:
+        ends = dict(zip((step.name for step in short), pool.map(run, short), strict=True))
+    ends |= {step.name: run(step) for step in long}
     failed, skipped = ([name for name, end in ends.items() if end == which] for which in ("", "skip"))
     print(
         f"check: {len(wanted) - len(failed) - len(skipped)} of {len(wanted)} passed"

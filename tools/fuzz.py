@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the fuzzers of tests/fuzz that `cmake --preset fuzz` has built: their seeds, then so many seconds of their own.
+"""Runs the fuzzers of tests/fuzz that the preset `asan` has built: their seeds, then so many seconds of their own.
 
-What a fuzzer learns stays in build/fuzz/corpus/TARGET, and the next run starts from there. An input that breaks
-something stays in build/fuzz/found/TARGET; `build/fuzz/bin/fuzz_TARGET FILE` shows it again.
+What a fuzzer learns stays in build/asan/corpus/TARGET, and the next run starts from there. An input that breaks
+something stays in build/asan/found/TARGET; `build/asan/bin/fuzz_TARGET FILE` shows it again.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-BUILD = Path(__file__).parent.parent / "build/fuzz"
+BUILD = Path(__file__).parent.parent / "build/asan"
 STRICT = {
     "ASAN_OPTIONS": "detect_stack_use_after_return=1:strict_string_checks=1",
     "UBSAN_OPTIONS": "halt_on_error=1:print_stacktrace=1",
@@ -71,7 +71,7 @@ def main() -> int:
     unknown = set(args.targets) - set(known)
     if unknown or not known:
         what = f"no such fuzzer: {', '.join(sorted(unknown))}; " if known else "no fuzzer is built; "
-        parser.error(what + f"cmake --preset fuzz && cmake --build --preset fuzz; {' '.join(known)}")
+        parser.error(what + f"cmake --preset asan && cmake --build --preset asan --target fuzzers; {' '.join(known)}")
     with ThreadPoolExecutor(args.jobs) as pool:
         results = list(pool.map(lambda target: fuzz(BUILD, target, args.seconds), args.targets or known))
     for _, line in results:

@@ -20,7 +20,10 @@ ROOT = Path(__file__).parent.parent
 BUILD = ROOT / "build/clang"
 TIDY = "clang-tidy-22"
 WARNING = re.compile(r"-?clang-diagnostic-")  # the compiler's own warnings have no list
-SKIP = re.compile(r"_test\.cpp$|^tests/|^build/|^laws/")  # tests are read by two compilers and three sanitizers
+SKIP = re.compile(r"_test\.cpp$|^tests/|^laws/")  # tests are read by two compilers and three sanitizers
+# One step of a unity build includes ten sources: what they include is read once.
+UNITY = re.compile(r"/Unity/unity_\d+_cxx\.cxx$")
+INCLUDED = re.compile(r'^#include "(.*)"$', flags=re.M)
 
 
 def globs_of(config: str) -> list[str]:
@@ -41,10 +44,23 @@ def known_checks() -> list[str]:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
 
 
+def members(file: Path) -> list[Path]:
+    """The sources that are read with this one: those a step of a unity build includes, or it alone."""
+    return [Path(name) for name in INCLUDED.findall(file.read_text())] if UNITY.search(str(file)) else [file]
+
+
+def wanted(file: Path) -> bool:
+    """Whether any of its sources is ours, and no test."""
+    ours = [source.relative_to(ROOT) for source in members(file) if source.is_relative_to(ROOT)]
+    return any(not SKIP.search(str(source)) and source.parts[0] != "build" for source in ours)
+
+
 def digest(file: Path) -> str:
-    """What the verdict on a file depends on: its own text, every header of ours, and the configuration."""
+    """What the verdict on a file depends on: its sources' text, every header of ours, and the configuration."""
     total = hashlib.sha256((ROOT / ".clang-tidy").read_bytes() + file.read_bytes())
-    for room in ("spine", "host", "supervisor", "lawd", "bench"):
+    for source in members(file):
+        total.update(source.read_bytes())
+    for room in ("spine", "host", "supervisor", "lawd", "trial", "sim", "bench"):
         for header in sorted((ROOT / room).rglob("*.hpp")):
             total.update(header.read_bytes())
     return total.hexdigest()
@@ -56,6 +72,8 @@ def tidy(file: Path) -> tuple[Path, str]:
     if mark.exists():
         return file, ""
     command = [TIDY, "--quiet", "-p", str(BUILD), str(file)]
+    if UNITY.search(str(file)):
+        command.append("--checks=-bugprone-suspicious-include")  # of a .cpp: that is what such a step is
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode == 0:
         mark.parent.mkdir(exist_ok=True)
@@ -87,14 +105,14 @@ def main() -> int:
         print(".clang-tidy: HeaderFilterRegex matches no header of ours (it knows no lookahead)")
         return 1
     commands = json.loads((BUILD / "compile_commands.json").read_text())
-    files = sorted({Path(entry["file"]) for entry in commands})
-    files = [file for file in files if file.is_relative_to(ROOT) and not SKIP.search(str(file.relative_to(ROOT)))]
+    files = [file for file in sorted({Path(entry["file"]) for entry in commands}) if wanted(file)]
     failed = 0
     with ThreadPoolExecutor(jobs) as pool:
         for _, complaints in pool.map(tidy, files):
             failed += bool(complaints)
             print(complaints, end="")
-    print(f"{len(files)} sources, {failed} with complaints")
+    sources = sum(len(members(file)) for file in files)
+    print(f"{sources} sources in {len(files)} runs, {failed} with complaints")
     return 1 if failed else 0
 
 

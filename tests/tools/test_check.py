@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make check` says which step failed and what mends it."""
 
+from pathlib import Path
+
 import check
 import pytest
 
@@ -52,3 +54,21 @@ def test_long_steps_run_only_when_all_are_asked_for_or_by_name() -> None:
     ]
     assert check.chosen([], everything=True) == check.STEPS
     assert [step.name for step in check.chosen(["asan-all"], everything=False)] == ["asan-all"]
+
+
+def test_two_short_steps_run_at_a_time_and_a_long_one_with_none_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Each of the two waits for the other's file; the long one is refused when one of them still runs.
+    def meets(own: str, other: str) -> str:
+        wait = f"for i in $(seq 200); do [ -e {tmp_path}/{other} ] && exit; sleep 0.05; done; exit 1"
+        return f"touch {tmp_path}/{own} && ({wait}) && touch {tmp_path}/{own}.done"
+
+    steps = [
+        check.Step("long", f"[ -e {tmp_path}/a.done ] && [ -e {tmp_path}/b.done ]", "nothing", long=True),
+        check.Step("a", meets("a", "b"), "nothing"),
+        check.Step("b", meets("b", "a"), "nothing"),
+    ]
+    monkeypatch.setattr(check, "STEPS", steps)
+    monkeypatch.setattr("sys.argv", ["check.py", "--all"])
+    assert check.main() == 0
