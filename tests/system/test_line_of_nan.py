@@ -28,6 +28,8 @@ def test_the_line_that_made_a_nan_on_the_live_robot_is_found(arm: RobotRig) -> N
     """In the event, the status and the certificate; the law before it runs."""
     path = arm.dir / "late.cpp"
     path.write_text(LATE)
+    arm.ask("swap", path)  # so that it is compiled: on a busy machine that takes seconds
+    arm.ask("rollback")
     late_after = arm.ask("status")["tick"] + 8000
     done = arm.ask("swap", path, "--param", f"late_after={late_after}")
     stops = platform.machine() == "x86_64"
