@@ -45,20 +45,12 @@ bool comes_from_here(const siginfo_t& info) {
 
 Failure describe(std::size_t which, const siginfo_t& info, const void* context) {
   Failure failure{kFaults[which].kind, program_counter(context), 0};
-  switch (kFaults[which].signal) {
-    case SIGSEGV:
-      if (info.si_code == kKeyFault) failure.kind = LawFaultKind::state_broken;
-      [[fallthrough]];
-    case SIGBUS:
-      failure.address = reinterpret_cast<std::uintptr_t>(info.si_addr);
-      break;
-    case SIGSYS:
-      failure.pc = reinterpret_cast<std::uintptr_t>(info.si_call_addr);
-      failure.address = static_cast<std::uint32_t>(info.si_syscall);
-      break;
-    default:
-      break;
-  }
+  const int signal = kFaults[which].signal;
+  if (signal == SIGSEGV && info.si_code == kKeyFault) failure.kind = LawFaultKind::state_broken;
+  if (signal == SIGSEGV || signal == SIGBUS) failure.address = reinterpret_cast<std::uintptr_t>(info.si_addr);
+  if (signal != SIGSYS) return failure;
+  failure.pc = reinterpret_cast<std::uintptr_t>(info.si_call_addr);
+  failure.address = static_cast<std::uint32_t>(info.si_syscall);
   return failure;
 }
 

@@ -10,6 +10,7 @@
 #include <mutex>
 
 #include "spine/contain/fault_barrier.hpp"
+#include "spine/core/pinned.hpp"
 #include "spine/core/result.hpp"
 
 namespace lithe::contain {
@@ -39,11 +40,9 @@ enum class Ask : std::uint8_t;  // core.hpp
 // CPU clock runs on. So a call that has used up its budget first gets a notice: a signal whose handler returns, which
 // proves that the thread runs. A law that was only preempted ends well within the `notice_ns` that follow.
 // Contract: off the tick · watch() and forget() from any thread · outlives the FaultBarriers it watches
-class Watchdog {
+class Watchdog : Pinned {
  public:
   explicit Watchdog(const WatchdogConfig& config = {}) : config_(config) {}
-  Watchdog(const Watchdog&) = delete;
-  Watchdog& operator=(const Watchdog&) = delete;
 
   // Until the FaultBarrier is destroyed.
   Result<> watch(FaultBarrier& barrier);

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <mutex>
 
+#include "spine/core/pinned.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
 
@@ -39,12 +40,8 @@ inline constexpr std::size_t kMaxConstants = 24;
 // and compared on the housekeeping core. Damage is latched: other memory may be damaged too.
 // Contract: watch(), forget() and look() off the tick, any thread · damaged() RT, any thread · lies in the protected
 // memory
-class Constants {
+class Constants : Pinned {
  public:
-  Constants() = default;
-  Constants(const Constants&) = delete;
-  Constants& operator=(const Constants&) = delete;
-
   // Watches `block` until forget(block). `name`: shown to users; must live as long as the program.
   Result<> watch(const char* name, const void* block, std::size_t bytes);
   void forget(const void* block);
@@ -69,11 +66,9 @@ class Constants {
 
 // Unused words beside data that changes: a long stray write there also changes these, and is detected.
 // Contract: watched for its whole lifetime
-class Canary {
+class Canary : Pinned {
  public:
   Canary(Constants& constants, const char* name);
-  Canary(const Canary&) = delete;
-  Canary& operator=(const Canary&) = delete;
   ~Canary() { constants_.forget(words_.data()); }
 
  private:

@@ -11,6 +11,7 @@
 
 #include "spine/contain/memory/memory_key.hpp"
 #include "spine/core/mapping.hpp"
+#include "spine/core/pinned.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
 
@@ -28,13 +29,11 @@ inline constexpr std::size_t kMaxGuardedBlocks = 8;
 // stacks, thread-local variables and the C library's data cannot be inside: a law's stray write there is not detected.
 // Contract: made once, before the threads that use it (they inherit the write permission) · lives as long as they do ·
 // allocate() and guard() off the tick, one thread at a time · the rest RT
-class ProtectedMemory {
+class ProtectedMemory : Pinned {
  public:
   // `bytes` of prefaulted memory, locked where the limit allows it.
   static Result<std::unique_ptr<ProtectedMemory>> make(std::size_t bytes, Protection wanted = Protection::best);
   ~ProtectedMemory();
-  ProtectedMemory(const ProtectedMemory&) = delete;
-  ProtectedMemory& operator=(const ProtectedMemory&) = delete;
 
   // Zeroed memory for the life of the protected memory; nullptr when it is full.
   void* allocate(std::size_t bytes, std::size_t alignment = 64);

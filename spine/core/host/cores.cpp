@@ -8,7 +8,6 @@
 #include <string_view>
 #include <thread>
 
-#include "spine/core/host/files.hpp"
 #include "spine/core/host/realtime.hpp"
 #include "spine/core/host/shield_group.hpp"
 #include "spine/core/lookup.hpp"
@@ -16,14 +15,7 @@
 namespace lithe {
 namespace {
 
-constexpr std::size_t kMostBytes = std::size_t{64} << 10;  // of a file of the kernel's
 constexpr const char* kCpus = "/sys/devices/system/cpu/";
-constexpr const char* kGroups = "/sys/fs/cgroup";
-
-std::string read_or_empty(const std::string& path) {
-  const Result<std::string> text = read_regular_file(path, kMostBytes);
-  return text ? text->substr(0, text->find('\n')) : "";
-}
 
 std::vector<int> both(const std::vector<int>& cpus, const std::vector<int>& others) {
   std::vector<int> all;
@@ -37,24 +29,13 @@ int core_number(std::string_view text) {
   return number < CPU_SETSIZE ? number : -1;
 }
 
-// Its path below the mount of cgroup v2: the line "0::/path".
-std::string group_of(pid_t pid, const std::string& root) {
-  const std::string who = pid == 0 ? "self" : std::to_string(pid);
-  const Result<std::string> lines = read_regular_file(root + "/proc/" + who + "/cgroup", kMostBytes);
-  if (!lines) return "";
-  const std::string text = "\n" + *lines;
-  const std::size_t at = text.find("\n0::/");
-  if (at == std::string::npos) return "";
-  return text.substr(at + 4, text.find('\n', at + 1) - at - 4);
-}
-
 // The cores of the isolated partition that a group is in, itself or with one above it. A partition that the kernel
 // calls invalid isolates nothing.
 std::vector<int> isolated_partition(std::string group, const std::string& root) {
   while (!group.empty()) {
-    const std::string folder = root + kGroups + (group == "/" ? "" : group);
-    const std::string kind = read_or_empty(folder + "/cpuset.cpus.partition");
-    if (kind == "isolated") return parse_cpu_list(read_or_empty(folder + "/cpuset.cpus.effective"));
+    const std::string folder = root + kGroupsRoot + (group == "/" ? "" : group);
+    const std::string kind = first_line(folder + "/cpuset.cpus.partition");
+    if (kind == "isolated") return parse_cpu_list(first_line(folder + "/cpuset.cpus.effective"));
     if (kind == "root" || group == "/") return {};
     group.resize(std::max<std::size_t>(group.rfind('/'), 1));
   }
@@ -127,10 +108,10 @@ bool share_a_core(const std::vector<int>& some, const std::vector<int>& others) 
 }
 
 IsolatedCores isolated_cores(pid_t pid, const std::string& root) {
-  return {
-      .boot = parse_cpu_list(read_or_empty(root + kCpus + "isolated")),
-      .cpuset = both(isolated_partition(group_of(pid, root), root), pid == 0 ? shield_cores(root) : std::vector<int>()),
-      .tickless = parse_cpu_list(read_or_empty(root + kCpus + "nohz_full"))};
+  return {.boot = parse_cpu_list(first_line(root + kCpus + "isolated")),
+          .cpuset = both(isolated_partition(group_of(pid == 0 ? "self" : std::to_string(pid), root), root),
+                         pid == 0 ? shield_cores(root) : std::vector<int>()),
+          .tickless = parse_cpu_list(first_line(root + kCpus + "nohz_full"))};
 }
 
 std::vector<int> granted_cpus(const std::vector<int>& wanted) {
@@ -148,7 +129,7 @@ std::vector<int> granted_cpus(const std::vector<int>& wanted) {
 MachineCores machine_cores() {
   MachineCores cores;
   cores.affinity = allowed_cpus();
-  cores.online = parse_cpu_list(read_or_empty(std::string(kCpus) + "online"));
+  cores.online = parse_cpu_list(first_line(std::string(kCpus) + "online"));
   if (cores.online.empty()) cores.online = cores.affinity;
   cores.granted = both(granted_cpus(cores.online), shield_cores());  // the latter: to threads that join
   cores.isolated = isolated_cores();

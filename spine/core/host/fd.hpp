@@ -6,6 +6,8 @@
 
 #include <utility>
 
+#include "spine/core/rt.hpp"
+
 namespace lithe {
 
 class Fd {
@@ -20,7 +22,7 @@ class Fd {
   ~Fd() { reset(); }
 
   explicit operator bool() const { return fd_ >= 0; }
-  int get() const { return fd_; }
+  int get() const LITHE_RT { return fd_; }
   int release() { return std::exchange(fd_, -1); }
   // Closes it, and owns another one from now on.
   void reset(int fd = -1) {

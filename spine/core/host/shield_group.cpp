@@ -16,22 +16,9 @@ namespace {
 
 constexpr std::size_t kMostGroupBytes = std::size_t{64} << 10;
 
-std::string first_line(const std::string& path) {
-  const Result<std::string> text = read_regular_file(path, kMostGroupBytes);
-  return text ? text->substr(0, text->find('\n')) : "";
-}
-
 bool write_word(const std::string& path, const std::string& word) {
   const Fd file(::open(path.c_str(), O_WRONLY | O_CLOEXEC));
   return file && ::write(file.get(), word.data(), word.size()) == static_cast<ssize_t>(word.size());
-}
-
-// The path of this thread's group below the mount of cgroup v2.
-std::string our_group(const std::string& root) {
-  const Result<std::string> lines = read_regular_file(root + "/proc/thread-self/cgroup", kMostGroupBytes);
-  const std::string text = lines ? "\n" + *lines : "";
-  const std::size_t at = text.find("\n0::");
-  return at == std::string::npos ? "" : text.substr(at + 4, text.find('\n', at + 1) - at - 4);
 }
 
 // Whether threads of another process are in it: of another robot.
@@ -54,6 +41,18 @@ std::vector<int> open_cores(const std::string& root) {
 
 }  // namespace
 
+std::string first_line(const std::string& path) {
+  const Result<std::string> text = read_regular_file(path, kMostGroupBytes);
+  return text ? text->substr(0, text->find('\n')) : "";
+}
+
+std::string group_of(const std::string& who, const std::string& root) {
+  const Result<std::string> lines = read_regular_file(root + "/proc/" + who + "/cgroup", kMostGroupBytes);
+  const std::string text = lines ? "\n" + *lines : "";
+  const std::size_t at = text.find("\n0::/");
+  return at == std::string::npos ? "" : text.substr(at + 4, text.find('\n', at + 1) - at - 4);
+}
+
 std::vector<int> shield_cores(const std::string& root) {
   return is_taken(root) ? std::vector<int>() : open_cores(root);
 }
@@ -62,12 +61,14 @@ bool join_group_with(int cpu, const std::string& root) {
   const std::vector<int> shielded = open_cores(root);
   if (shielded.empty()) return false;
   const std::string shield = std::string(kShieldGroup).substr(std::string(kGroupsRoot).size());
-  const bool wanted = std::binary_search(shielded.begin(), shielded.end(), cpu), inside = our_group(root) == shield;
+  const bool wanted = std::binary_search(shielded.begin(), shielded.end(), cpu),
+             inside = group_of("thread-self", root) == shield;
   if (wanted == inside) return false;
   const std::string tid = std::to_string(::gettid());
   if (!wanted) return write_word(root + kGroupsRoot + "/cgroup.threads", tid);
   // Threads of one process share a domain: all of them go to the root's, and this one on from there.
-  if (our_group(root) != "/" && !write_word(root + kGroupsRoot + "/cgroup.procs", std::to_string(::getpid())))
+  if (group_of("thread-self", root) != "/" &&
+      !write_word(root + kGroupsRoot + "/cgroup.procs", std::to_string(::getpid())))
     return false;
   return write_word(root + kShieldGroup + "/cgroup.threads", tid);
 }
