@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "spine/plan/peak.hpp"
+#include "spine/plan/knots.hpp"
 
 namespace lithe::plan {
 namespace {

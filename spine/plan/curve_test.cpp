@@ -6,7 +6,7 @@
 #include <numbers>
 #include <random>
 
-#include "spine/plan/tangent.hpp"
+#include "spine/plan/knots.hpp"
 #include "spine/plan/test/plan_rig.hpp"
 
 namespace lithe::plan {

@@ -9,7 +9,6 @@
 #include "spine/core/joints.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/plan/blend.hpp"
-#include "spine/plan/catch_up.hpp"
 #include "spine/plan/check.hpp"
 #include "spine/plan/knots.hpp"
 #include "spine/robot/config.hpp"
@@ -26,14 +25,14 @@ struct Setpoint {
 
 // Position and velocity are continuous through everything: knots, a new plan in flight, the end of a plan. And the
 // setpoint never moves faster than velocity_max_rad_s: a plan whose own curve does is refused.
-//   track  a cubic per segment through the waypoints (tangent.hpp); velocities the plan gives are used exactly.
+//   track  a cubic per segment through the waypoints (knots.hpp); velocities the plan gives are used exactly.
 //   coast  the plan ran out while moving: each joint slows down by its deceleration, harder only where its limit is
 //          near.
 //   hold   everything has come to rest.
 // A new plan takes over at once. If it starts more than 50 ms ahead, one cubic leads from the present motion to its
 // first waypoint; otherwise the difference of the two motions decays over 50 ms, or longer (up to 500 ms) when it is
 // large. A joint for which 500 ms are too short (the Brain's stream went on while the robot was disarmed, or the stream
-// itself paused) catches up instead (catch_up.hpp): it accelerates by at most deceleration_rad_s2, or twice the plan's
+// itself paused) catches up instead (blend.hpp): it accelerates by at most deceleration_rad_s2, or twice the plan's
 // own hardest acceleration where that is more, until what is left can be blended. The same holds for a stream of three
 // or more waypoints that starts ahead, when the cubic to its first waypoint would be harder or faster than that.
 // Afterwards the setpoint is the plan's, exactly.

@@ -4,9 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "spine/plan/peak.hpp"
-#include "spine/plan/tangent.hpp"
-
 namespace lithe::plan {
 
 void Knots::add(std::int64_t at_ns, const JointArray& position_rad, const JointArray& velocity_rad_s) LITHE_RT {
