@@ -9,8 +9,6 @@
 #include "spine/core/host/files.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/text.hpp"
-#include "spine/robot/keys/hardware.hpp"
-#include "spine/robot/keys/plants.hpp"
 #include "spine/robot/keys/sections.hpp"
 #include "spine/robot/limits/limits.hpp"
 #include "spine/robot/read/reader.hpp"

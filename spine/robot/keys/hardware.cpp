@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/robot/keys/hardware.hpp"
+#include "spine/robot/keys/sections.hpp"
 
 #include <fmt/format.h>
 
@@ -14,20 +14,13 @@ namespace {
 
 // Identity of the hardware: buses with the same name share it. Empty = not shared.
 std::string hardware_of(const BusConfig& bus) {
+  const PlaceKey place = facts(bus.kind).place;
+  if (place == PlaceKey::interface) return bus.interface;
+  if (place == PlaceKey::connector) return fmt::format("JC{}", bus.connector);
+  if (place == PlaceKey::none) return "";
   std::error_code wrong;
-  std::filesystem::path real;
-  switch (facts(bus.kind).place) {
-    case PlaceKey::interface:
-      return bus.interface;
-    case PlaceKey::connector:
-      return fmt::format("JC{}", bus.connector);
-    case PlaceKey::path:
-      real = std::filesystem::weakly_canonical(bus.path, wrong);
-      return wrong ? bus.path : real.string();
-    case PlaceKey::none:
-      break;
-  }
-  return "";
+  const std::filesystem::path real = std::filesystem::weakly_canonical(bus.path, wrong);
+  return wrong ? bus.path : real.string();
 }
 
 // The longest exchange: all buses wait until the last answer has come.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Buses, devices and sensors that do not fit together are refused; the message says what to do.
-#include "spine/robot/keys/hardware.hpp"
+#include "spine/robot/keys/sections.hpp"
 
 #include <gtest/gtest.h>
 

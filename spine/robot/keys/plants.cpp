@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/robot/keys/plants.hpp"
+#include "spine/robot/keys/sections.hpp"
 
 #include <fmt/format.h>
 

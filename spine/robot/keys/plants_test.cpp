@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // [plant]: keys of one kind of plant are refused in another, with the reason.
-#include "spine/robot/keys/plants.hpp"
+#include "spine/robot/keys/sections.hpp"
 
 #include <gtest/gtest.h>
 

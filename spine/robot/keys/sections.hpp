@@ -21,4 +21,26 @@ void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string
 void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need);
 void read_joint(Reader& in, JointConfig& joint, Need need);
 
+// [plant] and each joint's `sim` (plants.cpp). The allowed keys depend on the plant's kind.
+void read_mechanism(Reader& in, MechanismConfig& plant);
+void read_plant(Reader& in, PlantConfig& sim, PlantKind kind);
+
+// Of a chain. forget_link before the first key is read, settle_link after the last: length and mass are required;
+// without centre or inertia the link is a thin rod.
+void forget_link(PlantConfig& sim);
+void settle_link(Reader& joint, PlantConfig& sim);
+
+// Checks of buses, devices, joints and sensors against each other (hardware.cpp): error when the last bus of `robot`
+// uses the hardware of another bus, or its reply_wait_s is too long for the rate.
+void check_bus(Reader& in, const RobotConfig& robot);
+// Error when the last device of `robot` conflicts with earlier devices of its bus. `has_id`: its table has the key
+// `id`.
+void check_neighbours(Reader& in, const RobotConfig& robot, bool has_id);
+// Error when the device needs what its bus, or the robot's rate, does not offer.
+void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& device);
+// Error when the joint needs what its drive cannot do.
+void check_joint(Reader& in, const RobotConfig& robot, const JointConfig& joint, const DeviceConfig& device);
+// Error when the last sensor of `robot` shares its channel, or the device has no such channel.
+void check_sensor(Reader& in, const RobotConfig& robot);
+
 }  // namespace lithe::robot

@@ -11,22 +11,12 @@ namespace lithe::robot {
 namespace {
 
 std::string_view type_name(const toml::node& node) {
-  switch (node.type()) {
-    case toml::node_type::table:
-      return "a table";
-    case toml::node_type::array:
-      return "an array";
-    case toml::node_type::string:
-      return "a string";
-    case toml::node_type::integer:
-      return "an integer";
-    case toml::node_type::floating_point:
-      return "a number with a fraction";
-    case toml::node_type::boolean:
-      return "true or false";
-    default:
-      return "a date or time";
-  }
+  if (node.is_table()) return "a table";
+  if (node.is_array()) return "an array";
+  if (node.is_string()) return "a string";
+  if (node.is_integer()) return "an integer";
+  if (node.is_floating_point()) return "a number with a fraction";
+  return node.is_boolean() ? "true or false" : "a date or time";
 }
 
 bool is_identifier(std::string_view text) {
@@ -70,10 +60,7 @@ void Reader::number(std::string_view key, double& out, Range range, Need need) {
   if (node == nullptr) return;
   const std::string wanted = fmt::format("a number from {} to {}", range.min, range.max);
   if (!node->is_number()) return wrong_type(key, *node, wanted);
-  const double value = node->value<double>().value_or(std::nan(""));
-  if (!(value >= range.min && value <= range.max))
-    return complain(key, fmt::format("{} will not do; give {}", value, wanted));
-  out = value;
+  take(key, node->value<double>().value_or(std::nan("")), range, wanted, out);
 }
 
 void Reader::read_integer(std::string_view key, std::int64_t& out, Range range, Need need) {
@@ -81,9 +68,13 @@ void Reader::read_integer(std::string_view key, std::int64_t& out, Range range, 
   if (node == nullptr) return;
   const std::string wanted = fmt::format("an integer from {:.0f} to {:.0f}", range.min, range.max);
   if (!node->is_integer()) return wrong_type(key, *node, wanted);
-  const std::int64_t value = node->value<std::int64_t>().value_or(0);
+  take(key, node->value<std::int64_t>().value_or(0), range, wanted, out);
+}
+
+template <class Number>
+void Reader::take(std::string_view key, Number value, Range range, std::string_view wanted, Number& out) {
   const auto as_double = static_cast<double>(value);
-  if (as_double < range.min || as_double > range.max)
+  if (!(as_double >= range.min && as_double <= range.max))
     return complain(key, fmt::format("{} will not do; give {}", value, wanted));
   out = value;
 }

@@ -65,6 +65,8 @@ class Reader {
  private:
   const toml::node* find(std::string_view key, Need need);
   void read_integer(std::string_view key, std::int64_t& out, Range range, Need need);
+  template <class Number>
+  void take(std::string_view key, Number value, Range range, std::string_view wanted, Number& out);
   std::size_t read_choice(std::string_view key, const std::vector<std::string_view>& words, Need need);
   void wrong_type(std::string_view key, const toml::node& node, std::string_view wanted);
 
