@@ -5,7 +5,7 @@
 #include <cmath>
 #include <utility>
 
-#include "spine/hal/sim/sim_registry.hpp"
+#include "spine/hal/sim/simulate.hpp"
 
 namespace lithe::simulator {
 namespace {
@@ -97,28 +97,12 @@ void Devices::set_second_device(std::size_t index, const FaultRequest& order) {
 
 void Devices::set_wire_fault(const FaultRequest& order, std::size_t bus) {
   hal::sim::WireFaults faults = wires_[bus]->faults();
-  switch (order.kind) {
-    case Kind::drop:
-      faults.drop = order.amount;
-      break;
-    case Kind::corrupt:
-      faults.corrupt = order.amount;
-      break;
-    case Kind::duplicate:
-      faults.duplicate = order.amount;
-      break;
-    case Kind::replay:
-      faults.replay = order.amount;
-      break;
-    case Kind::delay:
-      faults.delay_ns = std::llround(1e9 * order.amount);
-      break;
-    case Kind::bus_off:
-      faults.bus_off = order.on;
-      break;
-    default:
-      return;
-  }
+  if (order.kind == Kind::drop) faults.drop = order.amount;
+  if (order.kind == Kind::corrupt) faults.corrupt = order.amount;
+  if (order.kind == Kind::duplicate) faults.duplicate = order.amount;
+  if (order.kind == Kind::replay) faults.replay = order.amount;
+  if (order.kind == Kind::delay) faults.delay_ns = std::llround(1e9 * order.amount);
+  if (order.kind == Kind::bus_off) faults.bus_off = order.on;
   wires_[bus]->set_faults(faults);
 }
 
@@ -128,11 +112,9 @@ void Devices::clear(std::int64_t now_ns) {
   for (const auto& wire : wires_) wire->set_faults({});
   for (std::size_t i = 0; i < nodes_.devices.size(); ++i) {
     if (nodes_.devices[i].node == nullptr) continue;
-    for (const InjectedFault injected :
-         {InjectedFault::over_temperature, InjectedFault::encoder_lost, InjectedFault::device_fault,
-          InjectedFault::homing_lost, InjectedFault::other_map}) {
+    using enum InjectedFault;
+    for (const InjectedFault injected : {over_temperature, encoder_lost, device_fault, homing_lost, other_map})
       nodes_.devices[i].node->inject(injected, false, now_ns);
-    }
     if (second_[i].second != nullptr) set_second_device(i, over);
   }
 }

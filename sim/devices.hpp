@@ -11,7 +11,7 @@
 #include "spine/core/result.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus/loop/sim_wire.hpp"
-#include "spine/hal/sim/nodes.hpp"
+#include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::simulator {

@@ -15,13 +15,8 @@
 namespace lithe::simulator {
 
 // Contract: not RT · one thread · times are CLOCK_MONOTONIC [ns] · nothing waits
-class End {
+class End : public Interface {
  public:
-  End() = default;
-  End(const End&) = delete;
-  End& operator=(const End&) = delete;
-  virtual ~End() = default;
-
   virtual int poll_fd() const = 0;  // -1: no program is connected
   virtual bool wants_to_write() const { return false; }
   virtual void serve(std::int64_t now_ns) = 0;  // call when poll() reports input

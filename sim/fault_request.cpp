@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/fault_request.hpp"
 
+#include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
 
@@ -58,9 +59,7 @@ Result<> name(const Json& json, const char* key, std::string& value) {
 Result<> fill(const Json& json, FaultRequest& order) {
   for (const auto& item : json.items()) {
     constexpr std::array kKnown{"fault", "bus", "device", "share", "ms", "on", "after_s", "for_s"};
-    bool known = false;
-    for (const char* word : kKnown) known = known || item.key() == word;
-    if (!known)
+    if (std::ranges::find(kKnown, item.key()) == kKnown.end())
       return Error{"there is no \"" + item.key() + "\"; there are bus, device, share, ms, on, after_s, for_s"};
   }
   double ms = 0;

@@ -40,6 +40,11 @@ int refuse(const std::string& why) {
   return 1;
 }
 
+Result<> handle_order(const std::string& line, simulator::World& world, std::int64_t now_ns) {
+  const Result<simulator::FaultRequest> order = simulator::parse_order(line);
+  return order ? world.handle(*order, now_ns) : Result<>(order.error());
+}
+
 // Reads orders from stdin until its end.
 class Orders {
  public:
@@ -64,8 +69,7 @@ class Orders {
 
   void handle(simulator::World& world, std::int64_t now_ns) {
     if (line_.find_first_not_of(" \r\t") == std::string::npos) return;
-    const Result<simulator::FaultRequest> order = simulator::parse_order(line_);
-    const Result<> did = order ? world.handle(*order, now_ns) : Result<>(order.error());
+    const Result<> did = handle_order(line_, world, now_ns);
     say(did ? Json{{"ok", true}}.dump() : Json{{"ok", false}, {"error", did.message()}}.dump());
   }
 
@@ -144,8 +148,7 @@ int run(const std::string& path, const simulator::Options& options, const std::v
   auto world = simulator::World::open(*config, options, say);
   if (!world) return refuse(world.message());
   for (const std::string& fault : faults) {
-    const Result<simulator::FaultRequest> order = simulator::parse_order(fault);
-    const Result<> did = order ? (*world)->handle(*order, monotonic_ns()) : Result<>(order.error());
+    const Result<> did = handle_order(fault, **world, monotonic_ns());
     if (!did) return refuse("--fault " + fault + ": " + did.message());
   }
   return serve(**world, signals.get());

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <filesystem>
 
-#include "spine/hal/sim/sim_registry.hpp"
+#include "spine/hal/sim/simulate.hpp"
 
 namespace lithe::simulator {
 namespace {
@@ -41,21 +41,18 @@ Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, con
   const robot::BusConfig& bus = config.buses[index];
   hal::sim::SimWire& wire = devices_->wire(index);
   const hal::sim::SimBusType& type = hal::sim::type_of(bus.kind);
-  if (type.make_adapter == nullptr) {
-    auto end =
-        CanEnd::open({.interface = bus.interface, .bitrate = bus.bitrate, .data_bitrate = bus.data_bitrate}, wire);
+  const auto add = [&](auto end) -> Result<> {
     if (!end) return Error{"bus '" + bus.name + "': " + end.message()};
     ends_.push_back(std::move(*end));
-  } else {
-    std::unique_ptr<hal::sim::SimAdapter> adapter = type.make_adapter();
-    adapter->attach(wire);
-    const std::string link = options.link_folder.empty() ? "" : options.link_folder + "/" + bus.name;
-    auto end = PtyEnd::open(std::move(adapter), link);
-    if (!end) return Error{"bus '" + bus.name + "': " + end.message()};
-    ends_.push_back(std::move(*end));
-  }
-  lines_.push_back({bus.name, std::string(type.adapter), ""});
-  return done();
+    lines_.push_back({bus.name, std::string(type.adapter), ""});
+    return done();
+  };
+  if (type.make_adapter == nullptr)
+    return add(
+        CanEnd::open({.interface = bus.interface, .bitrate = bus.bitrate, .data_bitrate = bus.data_bitrate}, wire));
+  std::unique_ptr<hal::sim::SimAdapter> adapter = type.make_adapter();
+  adapter->attach(wire);
+  return add(PtyEnd::open(std::move(adapter), options.link_folder.empty() ? "" : options.link_folder + "/" + bus.name));
 }
 
 void World::tell_places() {
@@ -105,15 +102,10 @@ void World::act(const FaultRequest& order, std::int64_t now_ns) {
 }
 
 void World::tick(std::int64_t now_ns) {
-  std::vector<Due> now;
-  for (std::size_t i = 0; i < due_.size();) {
-    if (due_[i].at_ns > now_ns) {
-      ++i;
-      continue;
-    }
-    now.push_back(due_[i]);
-    due_.erase(due_.begin() + static_cast<std::ptrdiff_t>(i));
-  }
+  const auto due =
+      std::stable_partition(due_.begin(), due_.end(), [&](const Due& each) { return each.at_ns > now_ns; });
+  const std::vector<Due> now(due, due_.end());
+  due_.erase(due, due_.end());
   for (const Due& each : now) static_cast<void>(handle(each.order, now_ns));  // it was checked on arrival
   for (const std::unique_ptr<End>& end : ends_) end->tick(now_ns);
   tell_places();

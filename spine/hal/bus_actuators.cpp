@@ -163,22 +163,14 @@ void BusActuators::accept(Line& line, const Frame& frame) LITHE_RT {
   }
   Joint& joint = joints_[index];
   JointSample sample;
-  switch (joint.drive->on_frame(frame, exchange_, sample)) {
-    case ReplyKind::part:
-      return;
-    case ReplyKind::late:
-      ++late_answers_;
-      return compare(joint, frame);  // the slower of two devices answers after the wait
-    case ReplyKind::malformed:
-      ++malformed_answers_;
-      joint.garbled = true;
-      return;
-    case ReplyKind::answer:
-      if (!joint.asked) {  // not asked by us
-        ++late_answers_;
-        return compare(joint, frame);
-      }
-      return answer(line, joint, index, frame, sample);
+  const ReplyKind kind = joint.drive->on_frame(frame, exchange_, sample);
+  if (kind == ReplyKind::answer && joint.asked) return answer(line, joint, index, frame, sample);
+  if (kind == ReplyKind::malformed) {
+    ++malformed_answers_;
+    joint.garbled = true;
+  } else if (kind != ReplyKind::part) {  // late, or not asked by us
+    ++late_answers_;
+    compare(joint, frame);  // the slower of two devices answers after the wait
   }
 }
 

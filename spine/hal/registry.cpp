@@ -12,14 +12,13 @@
 #include "spine/hal/bus/slcan/slcan_codec.hpp"
 #include "spine/hal/bus/socketcan/socketcan_bus.hpp"
 #include "spine/hal/canopen/canopen.hpp"
-#include "spine/hal/canopen/canopen_scanner.hpp"
+#include "spine/hal/canopen/canopen_text.hpp"
 #include "spine/hal/cia401/cia401.hpp"
-#include "spine/hal/cia401/cia401_type.hpp"
+#include "spine/hal/cia401/cia401_module.hpp"
 #include "spine/hal/cia402/cia402.hpp"
-#include "spine/hal/cia402/cia402_type.hpp"
+#include "spine/hal/cia402/cia402_drive.hpp"
 #include "spine/hal/gateway/gateway.hpp"
 #include "spine/hal/moteus/moteus.hpp"
-#include "spine/hal/moteus/moteus_type.hpp"
 
 namespace lithe::hal {
 namespace {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kinds of devices and buses: one row each with all that differs between them; no other code chooses by kind. What
 // the robot file needs is in the rows of spine/robot/kinds.hpp, simulations are in those of
-// spine/hal/sim/sim_registry.hpp.
+// spine/hal/sim/sim_registry.cpp.
 #pragma once
 
 #include <cstddef>
@@ -17,7 +17,6 @@
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/bus_tools.hpp"
 #include "spine/hal/core/drive.hpp"
-#include "spine/hal/core/planned_frame.hpp"
 #include "spine/hal/core/sensors.hpp"
 #include "spine/robot/config.hpp"
 

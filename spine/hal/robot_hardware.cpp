@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/robot_hardware.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <string>
 #include <utility>
@@ -57,10 +59,10 @@ class Hardware final : public Actuators {
     for (const auto& [name, bus] : named_buses_) {
       const BusStatistics& n = bus->statistics();
       if (n.refused + n.late + n.malformed + n.errors + n.reopened == 0) continue;
-      words += (words.empty() ? "bus '" : "; bus '") + name + "': " + std::to_string(n.sent) + " sent, " +
-               std::to_string(n.received) + " received, " + std::to_string(n.refused) + " refused, " +
-               std::to_string(n.late) + " late, " + std::to_string(n.malformed) + " malformed, " +
-               std::to_string(n.errors) + " errors, " + std::to_string(n.reopened) + " times opened again";
+      words += fmt::format(
+          "{}bus '{}': {} sent, {} received, {} refused, {} late, {} malformed, {} errors, {} times "
+          "opened again",
+          words.empty() ? "" : "; ", name, n.sent, n.received, n.refused, n.late, n.malformed, n.errors, n.reopened);
     }
     return words;
   }

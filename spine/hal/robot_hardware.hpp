@@ -2,17 +2,33 @@
 // Makes the Actuators of a robot file: opens its buses, makes its drivers.
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <memory>
 
 #include "spine/core/result.hpp"
+#include "spine/core/rt.hpp"
 #include "spine/hal/actuators.hpp"
+#include "spine/hal/bus/pi3hat/imu.hpp"
 #include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
+#include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/tap.hpp"
-#include "spine/hal/simulation.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal {
+
+// The simulated devices of a robot. spine/hal/sim implements it; a program that drives real buses only does not link
+// that.
+// Contract: to_start() RT; the rest never in the tick · outlives its buses
+class Simulation : public Interface {
+ public:
+  // A bus in memory with the simulated devices of bus `index` at its far end.
+  virtual std::unique_ptr<Bus> open_bus(const robot::RobotConfig& config, std::size_t index) = 0;
+  // The IMU of a simulated board.
+  virtual ImuSource& imu() = 0;
+  // Puts every joint back to its start, at rest.
+  virtual void to_start() LITHE_RT = 0;
+};
 
 using MakeSimulation = std::function<Result<std::unique_ptr<Simulation>>(const robot::RobotConfig&)>;
 

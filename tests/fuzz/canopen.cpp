@@ -49,7 +49,7 @@ void client_hears(Input& input) {
     const std::uint64_t strays = client.strays();
     Frame heard = input.frame(kLikely);
     if (what % 8 > 5 && heard.size == 8) {  // of the object that is asked for
-      put(heard.data.data() + 1, client.address().index, 2);
+      put_little_endian(heard.data.data() + 1, client.address().index, 2);
       heard.data[3] = client.address().subindex;
     }
     const bool taken = client.on_frame(heard);

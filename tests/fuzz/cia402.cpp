@@ -109,12 +109,12 @@ class Bench {
     const bool to_it = frame.id == cob::kSdoRequest + kNode || frame.id == pdo::command_id(kNode);
     require(network || ours || to_it, "what is sent concerns this drive only");
     if (frame.id != pdo::command_id(kNode)) return;
-    const std::uint32_t word = canopen::get(frame.data.data(), 2);
+    const std::uint32_t word = little_endian(frame.data.data(), 2);
     const bool drives = sound && command.action == DriveAction::torque;
     require(drives || word == control::kQuickStop || word == control::kDisableVoltage,
             "what is not sound, or not driving, enables nothing");
     const std::size_t at = params_.mode == Mode::torque ? 2 : 6;
-    const double thousandths = canopen::signed_of(canopen::get(frame.data.data() + at, 2), 2);
+    const double thousandths = canopen::signed_of(little_endian(frame.data.data() + at, 2), 2);
     const double limit = 1000 * std::max(command.max_torque_nm, 0.0) / params_.joint.ratio / params_.rated_torque_nm;
     require(thousandths == 0 || (drives && std::abs(thousandths) <= limit + 0.5),
             "no torque beyond the command's limit");
@@ -186,14 +186,14 @@ std::vector<Seed> seeds() {
   std::vector<Seed> all;
   const auto tpdo2 = [](std::uint16_t word, std::uint32_t position, std::int16_t torque) {
     Frame frame = canopen::blank(0x285, 8);
-    canopen::put(frame.data.data(), word, 2);
-    canopen::put(frame.data.data() + 2, position, 4);
-    canopen::put(frame.data.data() + 6, static_cast<std::uint16_t>(torque), 2);
+    put_little_endian(frame.data.data(), word, 2);
+    put_little_endian(frame.data.data() + 2, position, 4);
+    put_little_endian(frame.data.data() + 6, static_cast<std::uint16_t>(torque), 2);
     return frame;
   };
   const auto tpdo1 = [](std::uint32_t velocity) {
     Frame frame = canopen::blank(0x185, 4);
-    canopen::put(frame.data.data(), velocity, 4);
+    put_little_endian(frame.data.data(), velocity, 4);
     return frame;
   };
   for (unsigned kind = 0; kind < 27; ++kind) {

@@ -3,7 +3,7 @@
 #include "spine/hal/bus/fdcanusb/fdcanusb_bus.hpp"
 #include "spine/hal/bus/fdcanusb/fdcanusb_codec.hpp"
 #include "spine/hal/bus/fdcanusb/sim_fdcanusb.hpp"
-#include "spine/hal/bus/serial/hex.hpp"
+#include "spine/hal/bus/serial/words.hpp"
 #include "tests/fuzz/text_path.hpp"
 
 namespace lithe::fuzz {

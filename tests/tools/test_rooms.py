@@ -9,7 +9,7 @@ import rooms
 REFUSED = [
     ("spine/core/time.cpp", '#include "spine/ipc/channel.hpp"', "spine/core may not include spine/ipc"),
     ("spine/ipc/channel.hpp", '#include "spine/hal/actuators.hpp"', "spine/ipc may not include spine/hal"),
-    ("spine/hal/physics/plant.cpp", '#include "spine/ipc/ring.hpp"', "spine/hal/physics may not include spine/ipc"),
+    ("spine/hal/physics/chain.cpp", '#include "spine/ipc/ring.hpp"', "spine/hal/physics may not include spine/ipc"),
     ("spine/loop/tick.cpp", '#include "spine/load/loader.hpp"', "spine/loop may not include spine/load"),
     ("spine/guard/guard.cpp", '#include "spine/law/slot.hpp"', "spine/guard may not include spine/law"),
     ("spine/step/step.cpp", '#include "spine/ipc/ring.hpp"', "spine/step may not include spine/ipc"),

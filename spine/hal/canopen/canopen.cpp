@@ -1,19 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/canopen/canopen.hpp"
 
-#include <limits>
-
 namespace lithe::hal::canopen {
-
-void put(std::uint8_t* out, std::uint32_t value, std::size_t bytes) LITHE_RT {
-  for (std::size_t i = 0; i < bytes; ++i) out[i] = static_cast<std::uint8_t>(value >> (8 * i));
-}
-
-std::uint32_t get(const std::uint8_t* in, std::size_t bytes) LITHE_RT {
-  std::uint32_t value = 0;
-  for (std::size_t i = 0; i < bytes; ++i) value |= std::uint32_t{in[i]} << (8 * i);
-  return value;
-}
 
 Frame blank(std::uint32_t id, std::size_t size) LITHE_RT {
   Frame frame;
@@ -39,7 +27,7 @@ Frame heartbeat_frame(std::uint32_t node, NmtState state) LITHE_RT {
 
 Frame emergency_frame(std::uint32_t node, const Emergency& what) LITHE_RT {
   Frame frame = blank(cob::kEmergency + node, 8);
-  put(frame.data.data(), what.code, 2);
+  put_little_endian(frame.data.data(), what.code, 2);
   frame.data[2] = what.error_register;
   return frame;
 }
@@ -47,28 +35,18 @@ Frame emergency_frame(std::uint32_t node, const Emergency& what) LITHE_RT {
 bool parse_heartbeat(const Frame& frame, NmtState& state) LITHE_RT {
   if (!is_canopen(frame) || function_of(frame) != cob::kHeartbeat || frame.size != 1) return false;
   const auto said = static_cast<NmtState>(frame.data[0] & 0x7f);  // bit 7 toggles in node guarding
-  switch (said) {
-    case NmtState::boot_up:
-    case NmtState::stopped:
-    case NmtState::operational:
-    case NmtState::pre_operational:
-      state = said;
-      return true;
-  }
-  return false;
+  const bool known = said == NmtState::boot_up || said == NmtState::stopped || said == NmtState::operational ||
+                     said == NmtState::pre_operational;
+  if (known) state = said;
+  return known;
 }
 
 bool parse_emergency(const Frame& frame, Emergency& what) LITHE_RT {
   if (!is_canopen(frame) || function_of(frame) != cob::kEmergency || node_of(frame) == 0 || frame.size != 8)
     return false;
-  what.code = static_cast<std::uint16_t>(get(frame.data.data(), 2));
+  what.code = static_cast<std::uint16_t>(little_endian(frame.data.data(), 2));
   what.error_register = frame.data[2];
   return true;
-}
-
-void HeartbeatProducer::set_period(std::int64_t period_ns) LITHE_RT {
-  period_ns_ = period_ns;
-  started_ = false;
 }
 
 bool HeartbeatProducer::due(std::int64_t now_ns) LITHE_RT {
@@ -76,26 +54,6 @@ bool HeartbeatProducer::due(std::int64_t now_ns) LITHE_RT {
   // Keeps the grid of the first beat, except after a long pause.
   next_ns_ = started_ && now_ns - next_ns_ < period_ns_ ? next_ns_ + period_ns_ : now_ns + period_ns_;
   started_ = true;
-  return true;
-}
-
-void HeartbeatConsumer::set_timeout(std::int64_t timeout_ns) LITHE_RT {
-  timeout_ns_ = timeout_ns;
-  watching_ = false;
-}
-
-void HeartbeatConsumer::beat(std::int64_t now_ns) LITHE_RT {
-  last_ns_ = now_ns;
-  watching_ = timeout_ns_ > 0;
-}
-
-std::int64_t HeartbeatConsumer::deadline_ns() const LITHE_RT {
-  return watching_ ? last_ns_ + timeout_ns_ : std::numeric_limits<std::int64_t>::max();
-}
-
-bool HeartbeatConsumer::lost(std::int64_t now_ns) LITHE_RT {
-  if (now_ns < deadline_ns()) return false;
-  watching_ = false;
   return true;
 }
 

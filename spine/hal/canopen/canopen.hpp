@@ -15,6 +15,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/frame.hpp"
@@ -85,10 +86,6 @@ struct Emergency {
   std::uint8_t error_register = 0;
 };
 
-// Little-endian; `bytes` is 1 to 4.
-void put(std::uint8_t* out, std::uint32_t value, std::size_t bytes) LITHE_RT;
-std::uint32_t get(const std::uint8_t* in, std::size_t bytes) LITHE_RT;
-
 constexpr std::uint32_t function_of(const Frame& frame) LITHE_RT { return frame.id & cob::kFunction; }
 constexpr std::uint32_t node_of(const Frame& frame) LITHE_RT { return frame.id & cob::kNode; }
 // The node that sent a frame; 0, which no node has, for one that is not CANopen.
@@ -116,7 +113,7 @@ class HeartbeatProducer {
  public:
   explicit HeartbeatProducer(std::int64_t period_ns = 0) : period_ns_(period_ns) {}
 
-  void set_period(std::int64_t period_ns) LITHE_RT;  // 0: silent
+  void set_period(std::int64_t period_ns) LITHE_RT { *this = HeartbeatProducer(period_ns); }  // 0: silent
   // True when a heartbeat is due; the next one is then one period later. Missed ones are not sent later.
   bool due(std::int64_t now_ns) LITHE_RT;
 
@@ -130,12 +127,24 @@ class HeartbeatProducer {
 // Contract: as HeartbeatProducer
 class HeartbeatConsumer {
  public:
-  void set_timeout(std::int64_t timeout_ns) LITHE_RT;  // 0: does not watch
-  void beat(std::int64_t now_ns) LITHE_RT;
+  void set_timeout(std::int64_t timeout_ns) LITHE_RT {  // 0: does not watch
+    timeout_ns_ = timeout_ns;
+    watching_ = false;
+  }
+  void beat(std::int64_t now_ns) LITHE_RT {
+    last_ns_ = now_ns;
+    watching_ = timeout_ns_ > 0;
+  }
   // Deadline of the next heartbeat; the largest number while it does not watch.
-  std::int64_t deadline_ns() const LITHE_RT;
+  std::int64_t deadline_ns() const LITHE_RT {
+    return watching_ ? last_ns_ + timeout_ns_ : std::numeric_limits<std::int64_t>::max();
+  }
   // True once each time the heartbeats stop.
-  bool lost(std::int64_t now_ns) LITHE_RT;
+  bool lost(std::int64_t now_ns) LITHE_RT {
+    if (now_ns < deadline_ns()) return false;
+    watching_ = false;
+    return true;
+  }
 
  private:
   std::int64_t timeout_ns_ = 0;

@@ -2,6 +2,7 @@
 // Process data objects (PDO): values packed into 8 bytes by a mapping that both sides know. Pure.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -9,6 +10,7 @@
 #include <span>
 
 #include "spine/core/rt.hpp"
+#include "spine/hal/canopen/canopen.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "spine/hal/core/frame.hpp"
 
@@ -48,10 +50,26 @@ class PdoMap {
   constexpr std::size_t bytes() const LITHE_RT { return bytes_; }
 
   // Values in the order of the objects; missing ones are 0. Only the lowest bytes of each are used.
-  Frame pack(std::uint32_t id, std::span<const std::uint32_t> values) const LITHE_RT;
+  Frame pack(std::uint32_t id, std::span<const std::uint32_t> values) const LITHE_RT {
+    Frame frame = blank(id, bytes_);
+    std::size_t at = 0;
+    for (std::size_t i = 0; i < count_; ++i) {
+      if (i < values.size()) put_little_endian(frame.data.data() + at, values[i], objects_[i].bytes);
+      at += objects_[i].bytes;
+    }
+    return frame;
+  }
   // False when the frame is shorter than the map; extra bytes are ignored. At least objects().size() values; signed
   // values are not sign-extended (see signed_of).
-  bool unpack(const Frame& frame, std::span<std::uint32_t> values) const LITHE_RT;
+  bool unpack(const Frame& frame, std::span<std::uint32_t> values) const LITHE_RT {
+    if (!is_canopen(frame) || frame.size < bytes_) return false;
+    std::size_t at = 0;
+    for (std::size_t i = 0; i < std::min(count_, values.size()); ++i) {
+      values[i] = little_endian(frame.data.data() + at, objects_[i].bytes);
+      at += objects_[i].bytes;
+    }
+    return true;
+  }
 
  private:
   std::array<Mapped, kMost> objects_{};

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/canopen/canopen_scanner.hpp"
 
 #include <fmt/format.h>
 
@@ -12,7 +11,7 @@
 #include "spine/core/time.hpp"
 #include "spine/hal/canopen/canopen.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
-#include "spine/hal/canopen/canopen_words.hpp"
+#include "spine/hal/canopen/canopen_text.hpp"
 
 namespace lithe::hal::canopen {
 namespace {
@@ -86,7 +85,7 @@ std::optional<std::string> read_object(const AskedBus& line, std::uint32_t node,
 std::optional<std::uint32_t> read_number(const AskedBus& line, std::uint32_t node, std::uint8_t subindex) {
   const auto bytes = read_object(line, node, {object::kIdentity, subindex});
   if (!bytes || bytes->empty() || bytes->size() > 4) return std::nullopt;
-  return get(reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size());
+  return little_endian(reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size());
 }
 
 class CanopenScanner final : public Scanner {
@@ -167,7 +166,7 @@ class CanopenScanner final : public Scanner {
     if (frame.size != 8 || !(sdo_address(frame) == kDeviceType)) return false;
     ObservedNode& node = nodes_[node_of(frame)];
     ++node.answers;
-    if ((frame.data[0] & 0xe0) == 0x40) node.device_type = get(frame.data.data() + 4, 4);
+    if ((frame.data[0] & 0xe0) == 0x40) node.device_type = little_endian(frame.data.data() + 4, 4);
     return false;  // there may be more
   }
 

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "spine/hal/canopen/canopen.hpp"
-#include "spine/hal/canopen/canopen_words.hpp"
+#include "spine/hal/canopen/canopen_text.hpp"
 
 namespace lithe::hal::canopen {
 namespace {
@@ -22,11 +22,13 @@ constexpr std::uint8_t kSizeSaid = 0x01;
 constexpr std::uint8_t kLast = 0x01;
 constexpr std::size_t kSegment = 7;
 
-Frame frame_for(std::uint32_t id, std::uint8_t command, Address address) LITHE_RT {
+Frame frame_for(std::uint32_t id, std::uint8_t command, Address address, std::uint32_t value = 0, std::size_t bytes = 4)
+    LITHE_RT {
   Frame frame = blank(id, 8);
   frame.data[0] = command;
-  put(frame.data.data() + 1, address.index, 2);
+  put_little_endian(frame.data.data() + 1, address.index, 2);
   frame.data[3] = address.subindex;
+  put_little_endian(frame.data.data() + 4, value, bytes);
   return frame;
 }
 
@@ -67,9 +69,7 @@ Frame sdo_read_request(std::uint32_t node, Address address) LITHE_RT {
 }
 
 Frame sdo_write_request(std::uint32_t node, Address address, std::uint32_t value, std::size_t bytes) LITHE_RT {
-  Frame frame = frame_for(cob::kSdoRequest + node, expedited(0x20, bytes), address);
-  put(frame.data.data() + 4, value, bytes);
-  return frame;
+  return frame_for(cob::kSdoRequest + node, expedited(0x20, bytes), address, value, bytes);
 }
 
 Frame sdo_segment_request(std::uint32_t node, bool toggle) LITHE_RT {
@@ -77,21 +77,15 @@ Frame sdo_segment_request(std::uint32_t node, bool toggle) LITHE_RT {
 }
 
 Frame sdo_abort(std::uint32_t id, Address address, std::uint32_t code) LITHE_RT {
-  Frame frame = frame_for(id, kAbort, address);
-  put(frame.data.data() + 4, code, 4);
-  return frame;
+  return frame_for(id, kAbort, address, code);
 }
 
 Frame sdo_read_answer(std::uint32_t node, Address address, std::uint32_t value, std::size_t bytes) LITHE_RT {
-  Frame frame = frame_for(cob::kSdoAnswer + node, expedited(kReadAnswer, bytes), address);
-  put(frame.data.data() + 4, value, bytes);
-  return frame;
+  return frame_for(cob::kSdoAnswer + node, expedited(kReadAnswer, bytes), address, value, bytes);
 }
 
 Frame sdo_long_answer(std::uint32_t node, Address address, std::uint32_t bytes) LITHE_RT {
-  Frame frame = frame_for(cob::kSdoAnswer + node, kReadAnswer | kSizeSaid, address);
-  put(frame.data.data() + 4, bytes, 4);
-  return frame;
+  return frame_for(cob::kSdoAnswer + node, kReadAnswer | kSizeSaid, address, bytes);
 }
 
 Frame sdo_segment_answer(std::uint32_t node, bool toggle, std::span<const std::uint8_t> data, bool last) LITHE_RT {
@@ -107,7 +101,7 @@ Frame sdo_written_answer(std::uint32_t node, Address address) LITHE_RT {
 }
 
 Address sdo_address(const Frame& frame) LITHE_RT {
-  return {static_cast<std::uint16_t>(get(frame.data.data() + 1, 2)), frame.data[3]};
+  return {static_cast<std::uint16_t>(little_endian(frame.data.data() + 1, 2)), frame.data[3]};
 }
 
 std::size_t sdo_expedited_bytes(std::uint8_t command) LITHE_RT {
@@ -121,8 +115,6 @@ void SdoClient::begin(Address address, bool writing) LITHE_RT {
   abort_ = abort_code::kNone;
   phase_ = Phase::start;
 }
-
-void SdoClient::read(Address address) LITHE_RT { begin(address, false); }
 
 void SdoClient::write(Address address, std::uint32_t value, std::size_t bytes) LITHE_RT {
   begin(address, true);
@@ -193,7 +185,7 @@ bool SdoClient::on_start_answer(const Frame& frame) LITHE_RT {
   const std::uint8_t kind = command & kKind;
   // An answer to an earlier, aborted request has another index and is ignored.
   if (kind == kSegmentAnswer || sdo_address(frame) != address_) return stray();
-  if (command == kAbort) return fail(get(frame.data.data() + 4, 4), Phase::failed);
+  if (command == kAbort) return fail(little_endian(frame.data.data() + 4, 4), Phase::failed);
   if (writing_) {
     if (kind != kWrittenAnswer) return stray();
     phase_ = Phase::done;
@@ -201,7 +193,7 @@ bool SdoClient::on_start_answer(const Frame& frame) LITHE_RT {
   }
   if (kind != kReadAnswer) return stray();
   if ((command & kExpedited) == 0) {
-    const bool too_long = (command & kSizeSaid) != 0 && get(frame.data.data() + 4, 4) > kLongest;
+    const bool too_long = (command & kSizeSaid) != 0 && little_endian(frame.data.data() + 4, 4) > kLongest;
     if (too_long) return fail(abort_code::kOutOfMemory, Phase::give_up);
     phase_ = Phase::segment;
     return true;
@@ -214,7 +206,7 @@ bool SdoClient::on_start_answer(const Frame& frame) LITHE_RT {
 
 bool SdoClient::on_segment(const Frame& frame) LITHE_RT {
   const std::uint8_t command = frame.data[0];
-  if (command == kAbort) return fail(get(frame.data.data() + 4, 4), Phase::failed);
+  if (command == kAbort) return fail(little_endian(frame.data.data() + 4, 4), Phase::failed);
   if ((command & kKind) != kSegmentAnswer) return stray();
   if (((command & kToggle) != 0) != toggle_) return fail(abort_code::kToggle, Phase::give_up);
   const std::size_t bytes = kSegment - ((command >> 1) & 7U);
@@ -233,6 +225,8 @@ SdoClient::Outcome SdoClient::outcome() const LITHE_RT {
   return phase_ == Phase::failed ? Outcome::failed : Outcome::busy;
 }
 
-std::uint32_t SdoClient::value() const LITHE_RT { return get(data_.data(), std::min<std::size_t>(received_, 4)); }
+std::uint32_t SdoClient::value() const LITHE_RT {
+  return little_endian(data_.data(), std::min<std::size_t>(received_, 4));
+}
 
 }  // namespace lithe::hal::canopen

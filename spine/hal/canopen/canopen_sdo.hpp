@@ -100,7 +100,7 @@ class SdoClient {
 
   explicit SdoClient(std::uint32_t node) : node_(node) {}
 
-  void read(Address address) LITHE_RT;
+  void read(Address address) LITHE_RT { begin(address, false); }
   void write(Address address, std::uint32_t value, std::size_t bytes) LITHE_RT;
   void forget() LITHE_RT { phase_ = Phase::idle; }
 

@@ -1,13 +1,37 @@
 // SPDX-License-Identifier: Apache-2.0
-// Text for CANopen frames.
+#include "spine/hal/canopen/canopen_text.hpp"
+
 #include <fmt/format.h>
 
-#include "spine/hal/canopen/canopen_scanner.hpp"
+#include <iterator>
+
 #include "spine/hal/canopen/canopen_sdo.hpp"
-#include "spine/hal/canopen/canopen_words.hpp"
 
 namespace lithe::hal::canopen {
 namespace {
+
+constexpr Names kEmergencies[] = {
+    {emergency::kOverCurrent, "over-current"},
+    {emergency::kOverVoltage, "over-voltage"},
+    {emergency::kUnderVoltage, "under-voltage"},
+    {emergency::kTooHot, "too hot"},
+    {emergency::kSensor, "sensor"},
+    {emergency::kHeartbeatLost, "heartbeat lost"},
+    {emergency::kPdoTooShort, "process data too short"},
+    {emergency::kFollowingError, "following error"},
+};
+// By the uppermost digit, from 1.
+constexpr std::string_view kClasses[] = {
+    "generic", "current", "voltage", "temperature", "hardware", "software", "additional modules", "monitoring"};
+constexpr Names kStates[] = {{static_cast<std::uint32_t>(NmtState::boot_up), "boot-up"},
+                             {static_cast<std::uint32_t>(NmtState::stopped), "stopped"},
+                             {static_cast<std::uint32_t>(NmtState::operational), "operational"},
+                             {static_cast<std::uint32_t>(NmtState::pre_operational), "pre-operational"}};
+constexpr Names kCommands[] = {{static_cast<std::uint32_t>(NmtCommand::start), "start"},
+                               {static_cast<std::uint32_t>(NmtCommand::stop), "stop"},
+                               {static_cast<std::uint32_t>(NmtCommand::enter_pre_operational), "enter pre-operational"},
+                               {static_cast<std::uint32_t>(NmtCommand::reset_node), "reset node"},
+                               {static_cast<std::uint32_t>(NmtCommand::reset_communication), "reset communication"}};
 
 constexpr Names kObjects[] = {
     {object::kDeviceType, "device type"},
@@ -41,10 +65,10 @@ std::string pdo_text(const Frame& frame, const FrameContext& context) {
 std::string sdo_text(const Frame& frame, bool request, const FrameContext& context) {
   if (frame.size != 8) return "SDO of a wrong length: " + bytes_text(frame);
   const std::uint8_t command = frame.data[0];
-  const std::uint32_t value = get(frame.data.data() + 4, 4);
+  const std::uint32_t value = little_endian(frame.data.data() + 4, 4);
   const std::string object = object_text(sdo_address(frame), context);
   const std::size_t bytes = sdo_expedited_bytes(command);
-  const auto number = [&] { return get(frame.data.data() + 4, bytes); };
+  const auto number = [&] { return little_endian(frame.data.data() + 4, bytes); };
   switch (command >> 5) {
     case 0:
       return request ? "SDO segment to write: " + bytes_text(frame) : "SDO segment: " + bytes_text(frame);
@@ -86,6 +110,17 @@ std::string nmt_text(const Frame& frame) {
 }
 
 }  // namespace
+
+std::string_view emergency_name(std::uint16_t code) {
+  const std::size_t first = code >> 12;
+  return name_in(kEmergencies, code, first - 1 < std::size(kClasses) ? kClasses[first - 1] : "of the maker's own");
+}
+
+std::string_view word(NmtState state) { return name_in(kStates, static_cast<std::uint32_t>(state), "no known state"); }
+
+std::string_view word(NmtCommand command) {
+  return name_in(kCommands, static_cast<std::uint32_t>(command), "no known command");
+}
 
 FrameText frame_text(const Frame& frame, const FrameContext& context) {
   if (!is_canopen(frame)) return {false, std::nullopt, "no CANopen: " + bytes_text(frame)};

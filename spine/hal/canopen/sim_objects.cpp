@@ -32,17 +32,20 @@ void ObjectDictionary::restore(bool all) LITHE_RT {
     if (all || object.address.index < 0x2000) object.value = object.initial;
 }
 
-std::optional<ObjectDictionary::Slot> ObjectDictionary::find(Address address) const LITHE_RT {
+ObjectDictionary::Slot ObjectDictionary::first_from(Address address) const LITHE_RT {
   const auto at = std::lower_bound(objects_.begin(), objects_.end(), address,
                                    [](const Object& a, Address b) { return key(a.address) < key(b); });
-  if (at == objects_.end() || at->address != address) return std::nullopt;
   return static_cast<Slot>(at - objects_.begin());
 }
 
+std::optional<ObjectDictionary::Slot> ObjectDictionary::find(Address address) const LITHE_RT {
+  const Slot at = first_from(address);
+  return at < objects_.size() && objects_[at].address == address ? std::optional(at) : std::nullopt;
+}
+
 bool ObjectDictionary::has_index(std::uint16_t index) const LITHE_RT {
-  const auto at = std::lower_bound(objects_.begin(), objects_.end(), Address{index, 0},
-                                   [](const Object& a, Address b) { return key(a.address) < key(b); });
-  return at != objects_.end() && at->address.index == index;
+  const Slot at = first_from({index, 0});
+  return at < objects_.size() && objects_[at].address.index == index;
 }
 
 void ObjectDictionary::set_raw(Slot slot, std::uint32_t value) LITHE_RT {
@@ -139,7 +142,7 @@ std::uint32_t SdoServer::write(const Frame& frame, Address address) LITHE_RT {
   if (!objects_.writable(*slot)) return abort_code::kReadOnly;
   const std::size_t bytes = canopen::sdo_expedited_bytes(command), wanted = objects_.bytes(*slot);
   if ((command & kSaysSize) != 0 ? bytes != wanted : bytes < wanted) return abort_code::kLength;
-  return write_object(*slot, canopen::get(frame.data.data() + 4, wanted));
+  return write_object(*slot, little_endian(frame.data.data() + 4, wanted));
 }
 
 }  // namespace lithe::hal::sim

@@ -8,11 +8,14 @@
 #include <string_view>
 #include <vector>
 
+#include "spine/core/pinned.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "spine/hal/core/frame.hpp"
 
 namespace lithe::hal::sim {
+
+inline constexpr bool kReadOnly = false, kWritable = true;
 
 // Numbers of 1, 2 or 4 bytes by index and subindex.
 // Contract: RT but for add() and the constructor of a node · one thread
@@ -49,17 +52,16 @@ class ObjectDictionary {
     std::uint32_t initial;
     std::uint32_t value;
   };
+  Slot first_from(canopen::Address address) const LITHE_RT;
+
   std::vector<Object> objects_;  // by index, then subindex
 };
 
 // The node's side of SDO: expedited transfers both ways, segmented upload of texts.
 // Contract: RT but for the constructor · one thread · `objects` outlives it
-class SdoServer {
+class SdoServer : public Interface {
  public:
   SdoServer(std::uint32_t node, const ObjectDictionary& objects) : node_(node), objects_(objects) {}
-  SdoServer(const SdoServer&) = delete;
-  SdoServer& operator=(const SdoServer&) = delete;
-  virtual ~SdoServer() = default;
 
  protected:
   // Serves a frame to 600h + node. False: it is not answered.

@@ -1,11 +1,116 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/cia401/cia401_module.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <cmath>
+
+#include "spine/hal/canopen/canopen_text.hpp"
 
 namespace lithe::hal::cia401 {
 
 using canopen::NmtState;
+using canopen::SdoClient;
+namespace common = canopen::object;
+
+namespace {
+
+constexpr std::uint32_t kByItsProfile = 255;  // transmission type: on a change, and when the event timer ends
+constexpr std::uint8_t kEventTimerMs = 5;     // subindex of 1800h
+
+}  // namespace
+
+std::string describe(const NotReadyReason& not_ready) {
+  const std::string object = fmt::format("object {:04x}h:{}", not_ready.address.index, not_ready.address.subindex);
+  switch (not_ready.kind) {
+    case NotReadyKind::none:
+      break;
+    case NotReadyKind::not_booted:
+      return "it was reset and does not report back: check power, wires and its id; it is reset again every 5 s";
+    case NotReadyKind::no_answer:
+      return "it does not answer when " + object + " is set: check its power and its id";
+    case NotReadyKind::refused:
+      return "it refuses " + object + ": " + std::string(canopen::abort_name(not_ready.value)) +
+             "; has it as many inputs as the robot file says?";
+    case NotReadyKind::no_module:
+      return "its profile is " + std::to_string(not_ready.value & 0xffff) +
+             ", not 401: name the right device, or its kind";
+    case NotReadyKind::not_operational:
+      return "it left its operational state by itself; it is set up again";
+    case NotReadyKind::silent:
+      return "its heartbeat has ended: check power and wires; it is reset every 5 s";
+  }
+  return "";
+}
+
+Setup::Setup(const ModuleParams& params) : client_(params.id) {
+  add(common::kDeviceType, 0, 0, 0);
+  add(common::kProducerHeartbeatMs, 0, canopen::milliseconds(params.heartbeat_s), 2);
+  if (params.inputs.analog > 0) add(object::kAnalogInterrupt, 0, 1, 1, true);
+  for (std::size_t number = 0; number < kPdos; ++number) add_pdo(number, params);
+}
+
+void Setup::add(std::uint16_t index, std::uint8_t subindex, std::uint32_t value, std::uint8_t bytes, bool may_lack) {
+  steps_[count_++] = {{index, subindex}, value, bytes, may_lack};
+}
+
+void Setup::add_pdo(std::size_t number, const ModuleParams& params) {
+  const auto communication = static_cast<std::uint16_t>(common::kTpdo1 + number);
+  const auto mapping = static_cast<std::uint16_t>(common::kTpdo1Mapping + number);
+  const std::uint32_t id = canopen::cob::kNoRemote | pdo_id(number, params.id);
+  const canopen::PdoMap map = pdo_map(number, params.inputs);
+  const bool used = !map.objects().empty();
+  add(communication, 1, canopen::cob::kOff | id, 4, !used);
+  if (!used) return;
+  add(mapping, 0, 0, 1);
+  std::uint8_t entry = 0;
+  for (const canopen::Mapped& mapped : map.objects()) add(mapping, ++entry, mapped.entry(), 4);
+  add(mapping, 0, entry, 1);
+  add(communication, 2, kByItsProfile, 1);
+  add(communication, kEventTimerMs, canopen::milliseconds(params.send_every_s), 2);
+  add(communication, 1, id, 4);
+}
+
+void Setup::begin() LITHE_RT {
+  at_ = 0;
+  not_ready_ = {};
+  client_.forget();
+}
+
+bool Setup::next(std::int64_t now_ns, Frame& frame) LITHE_RT {
+  if (at_ >= count_) return false;
+  const Step& step = steps_[at_];
+  if (client_.outcome() == SdoClient::Outcome::idle) {
+    if (step.bytes > 0)
+      client_.write(step.address, step.value, step.bytes);
+    else
+      client_.read(step.address);
+  }
+  return client_.next(now_ns, frame);
+}
+
+Setup::Progress Setup::advance() LITHE_RT {
+  if (not_ready_.kind != NotReadyKind::none) return Progress::failed;
+  if (at_ >= count_) return Progress::done;
+  const Step& step = steps_[at_];
+  const SdoClient::Outcome outcome = client_.outcome();
+  if (outcome == SdoClient::Outcome::idle || outcome == SdoClient::Outcome::busy) return Progress::busy;
+  if (outcome == SdoClient::Outcome::failed) {
+    const std::uint32_t why = client_.abort();
+    const bool nobody = why == canopen::abort_code::kTimedOut;
+    const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
+    if (!lacks || !step.may_lack) {
+      not_ready_ = {nobody ? NotReadyKind::no_answer : NotReadyKind::refused, step.address, why};
+      return Progress::failed;
+    }
+  } else if (step.bytes == 0 && (client_.value() & 0xffff) != kDeviceProfile) {
+    not_ready_ = {NotReadyKind::no_module, step.address, client_.value()};
+    return Progress::failed;
+  }
+  client_.forget();
+  return ++at_ >= count_ ? Progress::done : Progress::busy;
+}
 
 Module::Module(const ModuleParams& params) : params_(params), setup_(params) {
   params_.inputs.digital = std::min<std::uint32_t>(params.inputs.digital, kDigital);
@@ -34,23 +139,15 @@ void Module::step(const Exchange& exchange, Bus& bus) LITHE_RT {
   }
   if (stage_ == Stage::refused && waited) stage_ = Stage::reset;
   Frame frame;
-  switch (stage_) {
-    case Stage::reset:
-      if (!bus.send(canopen::nmt_frame(canopen::NmtCommand::reset_node, params_.id))) return;
-      stage_ = Stage::await_boot_up;
-      since_ns_ = now_ns;
-      break;
-    case Stage::setup:
-      if (setup_.next(now_ns, frame)) bus.send(frame);  // what is refused is sent again when it has timed out
-      break;
-    case Stage::start:
-      if (bus.send(canopen::nmt_frame(canopen::NmtCommand::start, params_.id))) stage_ = Stage::running;
-      since_ns_ = now_ns;
-      break;
-    case Stage::await_boot_up:
-    case Stage::running:
-    case Stage::refused:
-      break;
+  if (stage_ == Stage::reset) {
+    if (!bus.send(canopen::nmt_frame(canopen::NmtCommand::reset_node, params_.id))) return;
+    stage_ = Stage::await_boot_up;
+    since_ns_ = now_ns;
+  } else if (stage_ == Stage::setup) {
+    if (setup_.next(now_ns, frame)) bus.send(frame);  // what is refused is sent again when it has timed out
+  } else if (stage_ == Stage::start) {
+    if (bus.send(canopen::nmt_frame(canopen::NmtCommand::start, params_.id))) stage_ = Stage::running;
+    since_ns_ = now_ns;
   }
 }
 
@@ -129,6 +226,57 @@ bool Module::read(Block block, std::size_t channel, std::int64_t now_ns, double&
   if (!valid_[number] || now_ns - taken_ns_[number] > params_.stale_ns) return false;
   raw = digital ? digital_[channel / 8] >> channel % 8 & 1 : analog_[channel];
   return true;
+}
+
+std::unique_ptr<SensorDevice> make_module(const robot::DeviceConfig& device) {
+  ModuleParams params;
+  params.id = device.id;
+  params.inputs = device.keys.cia401.inputs;
+  params.send_every_s = device.keys.cia401.send_every_s;
+  params.stale_ns = std::llround(1e9 * device.watchdog_s);
+  return std::make_unique<Module>(params);
+}
+
+PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& /*bus*/) {
+  PlannedFrames frames;
+  for (std::size_t number = 0; number < kPdos; ++number) {
+    const std::size_t bytes = pdo_map(number, device.keys.cia401.inputs).bytes();
+    if (bytes == 0) continue;
+    frames.push_back({.what = number == 0 ? "digital" : "analog",
+                      .size = bytes,
+                      .id = pdo_id(number, device.id),
+                      .per_s = 1 / device.keys.cia401.send_every_s,
+                      .unasked = true});
+  }
+  frames.push_back({.what = "heartbeat",
+                    .size = 1,
+                    .id = canopen::cob::kHeartbeat + device.id,
+                    .per_s = 1 / ModuleParams{}.heartbeat_s});
+  return frames;
+}
+
+bool process_map(const robot::DeviceConfig& device, std::uint32_t id, canopen::PdoMap& map) {
+  for (std::size_t number = 0; number < kPdos; ++number) {
+    if (id != pdo_id(number, device.id)) continue;
+    map = pdo_map(number, device.keys.cia401.inputs);
+    return !map.objects().empty();
+  }
+  return false;
+}
+
+// For example "digital 0-7 00000101", with input 0 last; "analog 3 -120".
+std::string process_value(const canopen::Mapped& mapped, std::uint32_t raw) {
+  const std::uint32_t first = mapped.address.subindex - 1U;
+  if (mapped.address.index == object::kAnalogInputs)
+    return fmt::format("analog {} {}", first, canopen::signed_of(raw, mapped.bytes));
+  return fmt::format("digital {}-{} {:08b}", 8 * first, 8 * first + 7, raw & 0xff);
+}
+
+std::string_view object_name(std::uint16_t index) {
+  static constexpr canopen::Names kObjects[] = {{object::kDigitalInputs, "digital inputs"},
+                                                {object::kAnalogInputs, "analog inputs"},
+                                                {object::kAnalogInterrupt, "analog inputs are sent"}};
+  return canopen::name_in(kObjects, index);
 }
 
 }  // namespace lithe::hal::cia401

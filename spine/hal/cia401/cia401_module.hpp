@@ -6,15 +6,81 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <string>
+#include <string_view>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/canopen/canopen.hpp"
+#include "spine/hal/canopen/canopen_sdo.hpp"
 #include "spine/hal/cia401/cia401.hpp"
-#include "spine/hal/cia401/cia401_setup.hpp"
+#include "spine/hal/core/bus_tools.hpp"
+#include "spine/hal/core/frame.hpp"
 #include "spine/hal/core/sensors.hpp"
+#include "spine/robot/config.hpp"
 
 namespace lithe::hal::cia401 {
+
+struct ModuleParams {
+  std::uint32_t id = 1;  // 1 to 126
+  Inputs inputs{};
+  double send_every_s = 0.01;
+  double heartbeat_s = 0.1;             // of the module's own
+  std::int64_t stale_ns = 100'000'000;  // older values are not valid
+};
+
+// Why a module measures nothing.
+enum class NotReadyKind : std::uint8_t {
+  none,
+  not_booted,       // no boot-up message after a reset
+  no_answer,        // to an SDO request
+  refused,          // an SDO request; value: the abort code
+  no_module,        // object 1000h names another profile; value: what it says
+  not_operational,  // it left that state by itself; value: its network state
+  silent,           // no heartbeat
+};
+
+using NotReadyReason = canopen::NotReady<NotReadyKind>;
+
+// One sentence; empty for none.
+// Contract: never in an exchange's thread
+std::string describe(const NotReadyReason& not_ready);
+
+// Set-up of a module: a list of SDO transfers, executed one at a time.
+// Contract: RT but for the constructor · one thread · time is an argument
+class Setup {
+ public:
+  explicit Setup(const ModuleParams& params);
+
+  enum class Progress : std::uint8_t { busy, done, failed };
+
+  void begin() LITHE_RT;
+  // At most one frame. False: nothing to send now.
+  bool next(std::int64_t now_ns, Frame& frame) LITHE_RT;
+  // Handles an answer. False: not one to the present request.
+  bool on_frame(const Frame& frame) LITHE_RT { return client_.on_frame(frame); }
+  // Call after an answer, and once per exchange: a request may have timed out.
+  Progress advance() LITHE_RT;
+  const NotReadyReason& not_ready() const LITHE_RT { return not_ready_; }
+
+ private:
+  struct Step {
+    canopen::Address address;
+    std::uint32_t value;
+    std::uint8_t bytes;  // 0: read, and compare the profile
+    bool may_lack;       // the module need not have the object
+  };
+  static constexpr std::size_t kMostSteps = 48;
+
+  void add(std::uint16_t index, std::uint8_t subindex, std::uint32_t value, std::uint8_t bytes, bool may_lack = false);
+  void add_pdo(std::size_t number, const ModuleParams& params);
+
+  canopen::SdoClient client_;
+  std::array<Step, kMostSteps> steps_{};
+  std::size_t count_ = 0;
+  std::size_t at_ = 0;
+  NotReadyReason not_ready_;
+};
 
 // Resets the module, sets it up (Setup), starts it, and takes what it sends from then on. A module that boots again, or
 // leaves its operational state, is set up again at once; one that is silent, or refuses its set-up, every kBootNs. Its
@@ -68,5 +134,13 @@ class Module final : public SensorDevice {
   std::uint64_t malformed_ = 0;
   std::atomic<std::uint64_t> not_ready_{};  // NotReadyReason::packed(); stored by the exchange's thread, loaded by any
 };
+
+// Of a robot file: what the registry's row needs of it.
+std::unique_ptr<SensorDevice> make_module(const robot::DeviceConfig& device);
+PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& bus);
+
+bool process_map(const robot::DeviceConfig& device, std::uint32_t id, canopen::PdoMap& map);
+std::string process_value(const canopen::Mapped& mapped, std::uint32_t raw);
+std::string_view object_name(std::uint16_t index);
 
 }  // namespace lithe::hal::cia401

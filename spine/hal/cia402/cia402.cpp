@@ -40,21 +40,10 @@ bool decode_state(std::uint16_t statusword, State& state) LITHE_RT {
 std::uint16_t encode_state(State state) LITHE_RT { return kPatterns[static_cast<std::size_t>(state) & 7].bits; }
 
 std::uint16_t control_to_enable(State state) LITHE_RT {
-  switch (state) {
-    case State::switch_on_disabled:
-      return control::kShutdown;
-    case State::ready_to_switch_on:
-      return control::kSwitchOn;
-    case State::switched_on:
-    case State::operation_enabled:
-      return control::kEnable;
-    case State::quick_stop_active:  // leads to `switch on disabled` at once, whatever its option says
-    case State::not_ready:
-    case State::fault_reaction_active:
-    case State::fault:
-      break;
-  }
-  return control::kDisableVoltage;
+  if (state == State::switch_on_disabled) return control::kShutdown;
+  if (state == State::ready_to_switch_on) return control::kSwitchOn;
+  if (state == State::switched_on || state == State::operation_enabled) return control::kEnable;
+  return control::kDisableVoltage;  // a quick stop leads to `switch on disabled` at once, whatever its option says
 }
 
 std::uint32_t raw_counts(double value) LITHE_RT {

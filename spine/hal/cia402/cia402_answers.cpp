@@ -32,16 +32,10 @@ void Cia402Drive::start_setup() LITHE_RT {
 
 ReplyKind Cia402Drive::on_frame(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT {
   if (!canopen::is_canopen(frame) || canopen::node_of(frame) != params_.id) return ReplyKind::malformed;
-  switch (canopen::function_of(frame)) {
-    case canopen::cob::kHeartbeat:
-      return on_heartbeat(frame, exchange.now_ns);
-    case canopen::cob::kEmergency:
-      return on_emergency(frame);
-    case canopen::cob::kSdoAnswer:
-      return on_sdo(frame);
-    default:
-      break;
-  }
+  const std::uint32_t function = canopen::function_of(frame);
+  if (function == canopen::cob::kHeartbeat) return on_heartbeat(frame, exchange.now_ns);
+  if (function == canopen::cob::kEmergency) return on_emergency(frame);
+  if (function == canopen::cob::kSdoAnswer) return on_sdo(frame);
   if (frame.id == pdo::transmit_id(pdo::kVelocity, params_.id)) return on_velocity(frame, exchange);
   if (frame.id == pdo::transmit_id(pdo::kAnswer, params_.id)) return on_answer(frame, exchange, sample);
   return ReplyKind::malformed;
@@ -86,9 +80,6 @@ ReplyKind Cia402Drive::on_emergency(const Frame& frame) LITHE_RT {
   error_code_ = what.code;
   return ReplyKind::part;
 }
-
-// It leaves OPERATIONAL when it loses our heartbeat, and then answers nothing.
-std::uint32_t Cia402Drive::alarm() const LITHE_RT { return watchdog_ ? wire::joint_status::kWatchdog : 0; }
 
 ReplyKind Cia402Drive::on_sdo(const Frame& frame) LITHE_RT {
   if (!sdo_.on_frame(frame)) return ReplyKind::late;

@@ -5,13 +5,14 @@
 #include <array>
 #include <cmath>
 
+#include "spine/core/time.hpp"
+
 namespace lithe::hal::cia402 {
 
 using canopen::NmtCommand;
 
 namespace {
 
-constexpr std::int64_t kNsPerS = 1'000'000'000;
 constexpr int kBeatsToLost = 3;
 
 bool finite(const JointCommand& c) LITHE_RT {

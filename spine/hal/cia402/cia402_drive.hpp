@@ -3,18 +3,24 @@
 #pragma once
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <string>
+#include <string_view>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/canopen/canopen.hpp"
+#include "spine/hal/canopen/canopen_pdo.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "spine/hal/cia402/cia402.hpp"
 #include "spine/hal/cia402/cia402_report.hpp"
 #include "spine/hal/cia402/cia402_setpoint_limiter.hpp"
 #include "spine/hal/cia402/cia402_setup.hpp"
 #include "spine/hal/cia402/cia402_unit_check.hpp"
+#include "spine/hal/core/bus_tools.hpp"
 #include "spine/hal/core/drive.hpp"
+#include "spine/robot/config.hpp"
 
 namespace lithe::hal::cia402 {
 
@@ -50,7 +56,8 @@ class Cia402Drive final : public Drive {
 
   bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT override;
   ReplyKind on_frame(const Frame& frame, const Exchange& exchange, JointSample& sample) LITHE_RT override;
-  std::uint32_t alarm() const LITHE_RT override;
+  // It leaves OPERATIONAL when it loses our heartbeat, and then answers nothing.
+  std::uint32_t alarm() const LITHE_RT override { return watchdog_ ? wire::joint_status::kWatchdog : 0; }
 
   // Empty when the drive can be commanded.
   std::string why_not_ready() const override;
@@ -137,5 +144,19 @@ class Cia402Drive final : public Drive {
 
   std::atomic<std::uint64_t> not_ready_{};  // NotReadyReason::packed(); stored by the exchange's thread, loaded by any
 };
+
+// Of a robot file: what the registry's row needs of it.
+std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::JointConfig& joint);
+// SYNC and our heartbeat, for all drives of the bus.
+std::unique_ptr<BusMaster> make_master(const robot::RobotConfig& robot, std::size_t bus);
+// One SYNC asks all drives of the bus, and each answers every SYNC.
+PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& bus);
+PlannedFrames bus_frames(const robot::RobotConfig& robot, std::size_t bus);
+
+// For example "fault: too hot (42xxh)".
+std::string state_words(std::uint32_t state, std::uint32_t error_class);
+bool process_map(const robot::DeviceConfig& device, std::uint32_t id, canopen::PdoMap& map);
+std::string process_value(const canopen::Mapped& mapped, std::uint32_t raw);
+std::string_view object_name(std::uint16_t index);
 
 }  // namespace lithe::hal::cia402

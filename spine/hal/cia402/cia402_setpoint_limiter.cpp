@@ -41,18 +41,11 @@ RawDemand SetpointLimiter::next(const JointCommand& command, const JointSample& 
   allowed_nm_ = std::min(allowed_nm_ + torque_step_nm_, torque_max_nm_);
   share_ = std::min(share_ + share_step_, 1.0);
   const double limit_nm = std::clamp(command.max_torque_nm, 0.0, allowed_nm_);
-  switch (mode_) {
-    case Mode::position:
-      move_position(command);
-      return {raw_counts(at_counts_), torque_raw(command.torque_nm, limit_nm)};
-    case Mode::velocity:
-      move_velocity(command);
-      return {raw_counts(at_counts_s_), torque_raw(command.torque_nm, limit_nm)};
-    case Mode::torque:
-    case Mode::none:
-      break;
-  }
-  return {torque_raw(closed_loop_nm(command, last), limit_nm), 0};
+  if (mode_ != Mode::position && mode_ != Mode::velocity)
+    return {torque_raw(closed_loop_nm(command, last), limit_nm), 0};
+  const bool position = mode_ == Mode::position;
+  position ? move_position(command) : move_velocity(command);
+  return {raw_counts(position ? at_counts_ : at_counts_s_), torque_raw(command.torque_nm, limit_nm)};
 }
 
 void SetpointLimiter::move_position(const JointCommand& command) LITHE_RT {

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/cia402/cia402_setup.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "spine/hal/canopen/canopen.hpp"
 
@@ -209,45 +210,16 @@ bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
       if ((value & 0xff) == static_cast<std::uint8_t>(mode_)) return true;
       if (++looks_ >= kMostLooks) refuse(NotReadyKind::mode_not_taken, step, value);
       return false;
-    case Kind::write:
-    case Kind::write_if_there:
-    case Kind::offer:
-    case Kind::limit_torque:
-    case Kind::beat:
-    case Kind::start:
-      break;
+    default:
+      return true;
   }
-  return true;
 }
-
-namespace {
-
-std::string hex(std::uint32_t value, int digits) {
-  std::array<char, 16> text{};
-  std::snprintf(text.data(), text.size(), "%0*X", digits, static_cast<unsigned>(value));
-  return text.data();
-}
-
-std::string state_of(const NotReadyReason& not_ready) {
-  return std::string(state_name(static_cast<State>(not_ready.value)));
-}
-
-std::string per_mille(std::uint32_t value) {
-  std::array<char, 16> text{};
-  std::snprintf(text.data(), text.size(), "%.3f", static_cast<std::int32_t>(value) * 1e-3);
-  return text.data();
-}
-
-std::string object_name(const canopen::Address& address) {
-  return hex(address.index, 4) + "h:" + hex(address.subindex, 2);
-}
-
-}  // namespace
 
 std::string describe(const NotReadyReason& not_ready) {
-  const std::string where = object_name(not_ready.address);
-  const std::string why =
-      "0x" + hex(not_ready.value, 8) + " (" + std::string(canopen::abort_name(not_ready.value)) + ")";
+  const std::uint32_t value = not_ready.value;
+  const std::string where = fmt::format("{:04X}h:{:02X}", not_ready.address.index, not_ready.address.subindex);
+  const std::string why = fmt::format("0x{:08X} ({})", value, canopen::abort_name(value));
+  const std::string_view state = state_name(static_cast<State>(value));
   switch (not_ready.kind) {
     case NotReadyKind::none:
       return "";
@@ -256,46 +228,53 @@ std::string describe(const NotReadyReason& not_ready) {
     case NotReadyKind::no_answer:
       return "no answer when asked for object " + where + "; check the cable";
     case NotReadyKind::refused:
-      if (not_ready.address.index == object::kMaxTorque) {
-        return "max torque " + where + " is refused with abort " + why +
-               "; without it nothing keeps what the drive does by itself (quick stop, fault reaction) below "
-               "torque_max_nm";
-      }
-      return "object " + where + " is refused with abort " + why + "; the drive lacks what LITHE needs of it";
+      if (not_ready.address.index != object::kMaxTorque)
+        return fmt::format("object {} is refused with abort {}; the drive lacks what LITHE needs of it", where, why);
+      return fmt::format(
+          "max torque {} is refused with abort {}; without it nothing keeps what the drive does by itself "
+          "(quick stop, fault reaction) below torque_max_nm",
+          where, why);
     case NotReadyKind::not_a_drive:
-      return "device type " + where + " = 0x" + hex(not_ready.value, 8) + " is profile " +
-             std::to_string(not_ready.value & 0xffff) + ", not 402; give the robot file the id of a drive";
+      return fmt::format("device type {} = 0x{:08X} is profile {}, not 402; give the robot file the id of a drive",
+                         where, value, value & 0xffff);
     case NotReadyKind::mode_unsupported:
-      return "supported modes " + where + " = 0x" + hex(not_ready.value, 8) +
-             " lack the mode of the robot file; choose another mode";
+      return fmt::format("supported modes {} = 0x{:08X} lack the mode of the robot file; choose another mode", where,
+                         value);
     case NotReadyKind::rated_torque:
-      return "rated torque " + where + " = " + std::to_string(not_ready.value) +
-             " mNm is not the robot file's rated_torque_nm; correct the one that is wrong";
+      return fmt::format(
+          "rated torque {} = {} mNm is not the robot file's rated_torque_nm; correct the one that is wrong", where,
+          value);
     case NotReadyKind::torque_limit:
-      return "max torque " + where + " = " + std::to_string(not_ready.value) +
-             " thousandths of the rated torque is more than torque_max_nm, and the drive takes no less from here: what "
-             "it "
-             "does by itself (quick stop, fault reaction) would have more; set it lower in the drive, or raise "
-             "torque_max_nm";
+      return fmt::format(
+          "max torque {} = {} thousandths of the rated torque is more than torque_max_nm, and the drive "
+          "takes no less from here: what it does by itself (quick stop, fault reaction) would have more; "
+          "set it lower in the drive, or raise torque_max_nm",
+          where, value);
     case NotReadyKind::mode_not_taken:
-      return "mode display " + where + " stays at " + std::to_string(static_cast<std::int8_t>(not_ready.value)) +
-             "; the drive does not take the mode of the robot file";
+      return fmt::format("mode display {} stays at {}; the drive does not take the mode of the robot file", where,
+                         static_cast<int>(static_cast<std::int8_t>(value)));
     case NotReadyKind::left_operational:
-      return "left the state operational by itself (now 0x" + hex(not_ready.value, 2) + ") and is being set up again";
+      return fmt::format("left the state operational by itself (now 0x{:02X}) and is being set up again", value);
     case NotReadyKind::silent:
       return "no heartbeat (1017h); check its power and cable; while it is switched off (reset) it is reset and set up "
              "anew every 5 s";
     case NotReadyKind::unheard:
       return "does not answer; stopped until it is switched off and on (reset, arm)";
     case NotReadyKind::left_enabled:
-      return "stopped by itself (now: " + state_of(not_ready) +
-             "); check torque-off inputs and limit switches, then switch it off and on (reset, arm)";
+      return fmt::format(
+          "stopped by itself (now: {}); check torque-off inputs and limit switches, then switch it off and "
+          "on (reset, arm)",
+          state);
     case NotReadyKind::not_enabled:
-      return "cannot be switched on (now: " + state_of(not_ready) +
-             "); check its power stage, torque-off inputs and brake, then switch it off and on (reset, arm)";
+      return fmt::format(
+          "cannot be switched on (now: {}); check its power stage, torque-off inputs and brake, then "
+          "switch it off and on (reset, arm)",
+          state);
     case NotReadyKind::velocity_unit:
-      return "velocity 606Ch is " + per_mille(not_ready.value) +
-             " of how fast position 6064h changes; set the drive's velocity unit to counts per second";
+      return fmt::format(
+          "velocity 606Ch is {:.3f} of how fast position 6064h changes; set the drive's velocity unit to "
+          "counts per second",
+          static_cast<std::int32_t>(value) * 1e-3);
   }
   return "";
 }

@@ -96,7 +96,7 @@ std::vector<Frame> told(const DriverParams& params) {
     frames.push_back(frame);
     if (!is_request(frame)) continue;
     const canopen::Address address = canopen::sdo_address(frame);
-    if (address.index == 0x6072 && frame.data[0] != 0x40) readable[0x6072] = canopen::get(frame.data.data() + 4, 2);
+    if (address.index == 0x6072 && frame.data[0] != 0x40) readable[0x6072] = little_endian(frame.data.data() + 4, 2);
     const auto value = readable.find(address.index);
     client.on_frame(value != readable.end() && frame.data[0] == 0x40
                         ? canopen::sdo_read_answer(params.id, address, value->second, 4)
@@ -111,7 +111,7 @@ std::uint32_t written(const std::vector<Frame>& frames, std::uint16_t index, std
   for (const Frame& frame : frames) {
     const bool write = is_request(frame) && (frame.data[0] & 0xe0) == 0x20;
     if (write && canopen::sdo_address(frame) == canopen::Address{index, subindex})
-      value = canopen::get(frame.data.data() + 4, canopen::sdo_expedited_bytes(frame.data[0]));
+      value = little_endian(frame.data.data() + 4, canopen::sdo_expedited_bytes(frame.data[0]));
   }
   return value;
 }
@@ -168,7 +168,7 @@ TEST(Cia402Setup, AProcessDataIsOffWhileItIsMapped) {
   for (const Frame& frame : told({})) {
     const canopen::Address address = canopen::sdo_address(frame);
     if (!is_request(frame) || (address.index != 0x1801 && address.index != 0x1a01)) continue;
-    const bool off = (canopen::get(frame.data.data() + 4, 4) & canopen::cob::kOff) != 0;
+    const bool off = (little_endian(frame.data.data() + 4, 4) & canopen::cob::kOff) != 0;
     order.push_back(address.index == 0x1a01 ? "map" + std::to_string(address.subindex)
                     : address.subindex == 2 ? "type"
                     : off                   ? "off"

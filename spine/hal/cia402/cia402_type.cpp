@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/cia402/cia402_type.hpp"
+// A drive in a robot file, and the words for it.
+
+#include <fmt/format.h>
 
 #include <algorithm>
 
 #include "spine/hal/canopen/canopen_master.hpp"
-#include "spine/hal/canopen/canopen_words.hpp"
+#include "spine/hal/canopen/canopen_text.hpp"
 #include "spine/hal/cia402/cia402_drive.hpp"
 
 namespace lithe::hal::cia402 {
@@ -123,7 +125,7 @@ std::string state_words(std::uint32_t state, std::uint32_t error_class) {
   if (error_class == 0) return words;
   if (error_class == kUnnamedClass) return words + ": it does not say why";
   const auto code = static_cast<std::uint16_t>(error_class << 8);
-  return words + ": " + std::string(canopen::emergency_name(code)) + " (" + canopen::hex(error_class, 2) + "xxh)";
+  return fmt::format("{}: {} ({:02x}xxh)", words, canopen::emergency_name(code), error_class);
 }
 
 bool process_map(const robot::DeviceConfig& device, std::uint32_t id, canopen::PdoMap& map) {
@@ -144,11 +146,10 @@ std::string process_value(const canopen::Mapped& mapped, std::uint32_t raw) {
   if (index == object::kStatusword) {
     State state{};
     return decode_state(static_cast<std::uint16_t>(raw), state) ? std::string(state_name(state))
-                                                                : "status " + canopen::hex(raw, 4) + "h";
+                                                                : fmt::format("status {:04x}h", raw);
   }
   const bool thousandths = index == object::kTargetTorque || index == object::kTorque || index == object::kTorqueOffset;
-  return std::string(object_name(index)) + " " + std::to_string(canopen::signed_of(raw, mapped.bytes)) +
-         (thousandths ? "/1000" : "");
+  return fmt::format("{} {}{}", object_name(index), canopen::signed_of(raw, mapped.bytes), thousandths ? "/1000" : "");
 }
 
 std::string_view object_name(std::uint16_t index) { return canopen::name_in(kObjects, index); }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <string>
 
+#include "spine/core/pinned.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/frame.hpp"
 
@@ -24,13 +25,8 @@ struct BusStatistics {
 
 // An exchange is begin(), send() for every command, flush(), then receive() again and again.
 // Contract: RT as far as the hardware is · one thread, but for service() and why_down() · no function waits
-class Bus {
+class Bus : public Interface {
  public:
-  Bus() = default;
-  Bus(const Bus&) = delete;
-  Bus& operator=(const Bus&) = delete;
-  virtual ~Bus() = default;
-
   // Begins an exchange. A bus that can tell old frames drops those that came since the last one.
   virtual void begin(std::int64_t now_ns) LITHE_RT = 0;
 

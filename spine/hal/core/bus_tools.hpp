@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the tools for buses (scan, monitor) need of a kind of device: which devices are on a bus, and the text of a
-// frame.
+// What the tools for buses (plan, scan, monitor) need of a kind of device: the frames that it and the bus's master
+// send, which devices are on a bus, and the text of a frame.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -14,6 +15,26 @@
 #include "spine/hal/core/frame.hpp"
 
 namespace lithe::hal {
+
+// Frames of one kind, for planning a bus. Its identifier is id + i * id_step modulo id_wrap for the i-th of them: that
+// of a moteus changes with every exchange.
+struct PlannedFrame {
+  const char* what;      // "command", "answer", "SYNC" ...
+  std::size_t size = 0;  // bytes of data as on the wire
+  std::uint32_t id = 0;
+  bool fd = false;
+  bool outbound = false;  // from the robot's computer to a device
+  double per_tick = 0;    // frames, with the device's rate divider
+  double per_s = 0;       // those that go by the clock instead
+  bool unasked = false;   // sent by the device's own clock
+  bool on_bus = true;     // false: on its board only
+  std::uint32_t id_step = 0;
+  std::uint32_t id_wrap = 1;
+
+  constexpr std::uint32_t id_of(std::uint32_t number) const { return id + number * id_step % id_wrap; }
+};
+
+using PlannedFrames = std::vector<PlannedFrame>;
 
 // The clock of a tool that waits for frames.
 struct Time {
@@ -40,13 +61,8 @@ struct AskedBus {
 
 // Finds the devices of one protocol or kind on a bus. It only reads; it changes no mode or state.
 // Contract: not RT · one thread, which alone uses the bus · any frame is safe
-class Scanner {
+class Scanner : public Interface {
  public:
-  Scanner() = default;
-  Scanner(const Scanner&) = delete;
-  Scanner& operator=(const Scanner&) = delete;
-  virtual ~Scanner() = default;
-
   // Handles a frame that is no answer to us. Returns the evidence that another program commands the bus; empty = none.
   virtual std::string on_frame(const Frame& frame) = 0;
   // Asks which devices are there. Returns the bus error that kept some from being asked; empty = none.

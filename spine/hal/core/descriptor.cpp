@@ -8,7 +8,6 @@
 
 #include <array>
 #include <cerrno>
-#include <utility>
 
 #if defined(__has_feature)
 #if __has_feature(realtime_sanitizer)
@@ -57,37 +56,20 @@ std::uint32_t socket_memory(int fd, std::size_t which) LITHE_RT {
 
 }  // namespace
 
-Descriptor::Descriptor(Descriptor&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-
-Descriptor& Descriptor::operator=(Descriptor&& other) noexcept {
-  if (this != &other) {
-    close();
-    fd_ = std::exchange(other.fd_, -1);
-  }
-  return *this;
-}
-
-Descriptor::~Descriptor() { close(); }
-
-void Descriptor::close() {
-  if (fd_ >= 0) ::close(fd_);
-  fd_ = -1;
-}
-
 Moved Descriptor::read(std::span<std::byte> to) const LITHE_RT {
-  const Answer answer = ask_kernel([&] { return ::read(fd_, to.data(), to.size()); });
+  const Answer answer = ask_kernel([&] { return ::read(get(), to.data(), to.size()); });
   Moved moved = outcome(answer);
   if (answer.value == 0 && !to.empty()) moved.error = EIO;  // end of file: the other end is closed
   return moved;
 }
 
 Moved Descriptor::write(std::span<const std::byte> from) const LITHE_RT {
-  return outcome(ask_kernel([&] { return ::write(fd_, from.data(), from.size()); }));
+  return outcome(ask_kernel([&] { return ::write(get(), from.data(), from.size()); }));
 }
 
-std::uint32_t Descriptor::unsent_bytes() const LITHE_RT { return socket_memory(fd_, SK_MEMINFO_WMEM_ALLOC); }
+std::uint32_t Descriptor::unsent_bytes() const LITHE_RT { return socket_memory(get(), SK_MEMINFO_WMEM_ALLOC); }
 
-std::uint32_t Descriptor::dropped() const LITHE_RT { return socket_memory(fd_, SK_MEMINFO_DROPS); }
+std::uint32_t Descriptor::dropped() const LITHE_RT { return socket_memory(get(), SK_MEMINFO_DROPS); }
 
 void nap() LITHE_RT {
   constexpr timespec kNap{0, 20'000};

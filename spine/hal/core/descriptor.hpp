@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <span>
 
+#include "spine/core/host/fd.hpp"
 #include "spine/core/rt.hpp"
 
 namespace lithe::hal {
@@ -21,15 +22,10 @@ struct Moved {
 class Descriptor {
  public:
   explicit Descriptor(int fd = -1) : fd_(fd) {}
-  Descriptor(Descriptor&& other) noexcept;
-  Descriptor& operator=(Descriptor&& other) noexcept;
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  ~Descriptor();
 
-  int get() const LITHE_RT { return fd_; }
-  bool is_open() const LITHE_RT { return fd_ >= 0; }
-  void close();
+  int get() const LITHE_RT { return fd_.get(); }
+  bool is_open() const LITHE_RT { return fd_.get() >= 0; }
+  void close() { fd_.reset(); }
 
   Moved read(std::span<std::byte> to) const LITHE_RT;
   Moved write(std::span<const std::byte> from) const LITHE_RT;
@@ -40,7 +36,7 @@ class Descriptor {
   std::uint32_t dropped() const LITHE_RT;
 
  private:
-  int fd_;
+  Fd fd_;
 };
 
 // Sleeps for a moment.

@@ -79,13 +79,8 @@ enum class ReplyKind : std::uint8_t {
 
 // Driver: converts a joint's command to frames, and frames to samples.
 // Contract: RT · I/O only through the bus argument · one thread
-class Drive {
+class Drive : public Interface {
  public:
-  Drive() = default;
-  Drive(const Drive&) = delete;
-  Drive& operator=(const Drive&) = delete;
-  virtual ~Drive() = default;
-
   // Sends the frames of this exchange. A value that is not finite is never sent: the joint is damped instead, and false
   // is returned.
   virtual bool command(const JointCommand& command, const Exchange& exchange, Bus& bus) LITHE_RT = 0;
@@ -103,13 +98,8 @@ class Drive {
 
 // Bus master: sends SYNC and heartbeats.
 // Contract: as Drive
-class BusMaster {
+class BusMaster : public Interface {
  public:
-  BusMaster() = default;
-  BusMaster(const BusMaster&) = delete;
-  BusMaster& operator=(const BusMaster&) = delete;
-  virtual ~BusMaster() = default;
-
   virtual void before_commands(const Exchange& exchange, Bus& bus) LITHE_RT = 0;
   virtual void after_commands(const Exchange& exchange, Bus& bus) LITHE_RT = 0;
 };

@@ -35,6 +35,16 @@ constexpr std::size_t fd_size(std::size_t size) LITHE_RT {
   return size <= 48 ? 48 : 64;
 }
 
+// Little-endian numbers of 1 to 4 bytes.
+constexpr void put_little_endian(std::uint8_t* out, std::uint32_t value, std::size_t bytes) LITHE_RT {
+  for (std::size_t i = 0; i < bytes; ++i) out[i] = static_cast<std::uint8_t>(value >> (8 * i));
+}
+constexpr std::uint32_t little_endian(const std::uint8_t* in, std::size_t bytes) LITHE_RT {
+  std::uint32_t value = 0;
+  for (std::size_t i = 0; i < bytes; ++i) value |= std::uint32_t{in[i]} << (8 * i);
+  return value;
+}
+
 inline constexpr std::uint32_t kLargestStandardId = 0x7ff;
 inline constexpr std::uint32_t kLargestId = 0x1fff'ffff;
 

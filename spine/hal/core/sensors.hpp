@@ -20,13 +20,8 @@ inline constexpr std::size_t kBlocks = 3;
 
 // Driver: frames in, channels out.
 // Contract: RT but for why_not_ready() · I/O only through the bus argument · one thread
-class SensorDevice {
+class SensorDevice : public Interface {
  public:
-  SensorDevice() = default;
-  SensorDevice(const SensorDevice&) = delete;
-  SensorDevice& operator=(const SensorDevice&) = delete;
-  virtual ~SensorDevice() = default;
-
   // True for a frame that this device sent.
   virtual bool sent(const Frame& frame) const LITHE_RT = 0;
   // Handles such a frame.

@@ -13,13 +13,8 @@
 namespace lithe::hal {
 
 // Contract: RT · the exchange's thread · outlives the buses
-class FrameTap {
+class FrameTap : public Interface {
  public:
-  FrameTap() = default;
-  FrameTap(const FrameTap&) = delete;
-  FrameTap& operator=(const FrameTap&) = delete;
-  virtual ~FrameTap() = default;
-
   // True when the frames of the exchange that begins now are watched.
   virtual bool wanted(std::int64_t now_ns) LITHE_RT = 0;
   virtual void saw(std::uint32_t bus, bool outbound, const Frame& frame) LITHE_RT = 0;

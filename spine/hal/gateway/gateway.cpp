@@ -13,7 +13,7 @@ constexpr std::int64_t kLongestSilenceNs = 3'000'000'000;  // half the range of 
 constexpr std::int64_t kDriftShare = 2000;                 // maximum clock drift assumed: 1 / 2000
 
 std::uint16_t word_at(const Frame& frame, std::size_t at) LITHE_RT {
-  return static_cast<std::uint16_t>(frame.data[at] | frame.data[at + 1] << 8);
+  return static_cast<std::uint16_t>(little_endian(frame.data.data() + at, 2));
 }
 
 }  // namespace

@@ -21,7 +21,6 @@
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/bus_tools.hpp"
 #include "spine/hal/core/frame.hpp"
-#include "spine/hal/core/planned_frame.hpp"
 #include "spine/hal/core/sensors.hpp"
 #include "spine/robot/config.hpp"
 

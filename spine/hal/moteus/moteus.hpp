@@ -5,14 +5,17 @@
 #include <atomic>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <string>
 
 #include "spine/core/rt.hpp"
+#include "spine/hal/core/bus_tools.hpp"
 #include "spine/hal/core/drive.hpp"
 #include "spine/hal/core/frame.hpp"
 #include "spine/hal/moteus/moteus_codec.hpp"
 #include "spine/hal/moteus/moteus_setup.hpp"
+#include "spine/robot/config.hpp"
 
 namespace lithe::hal::moteus {
 
@@ -131,5 +134,15 @@ class MoteusDrive final : public Drive {
   double torque_allowed_nm_;                // its torque limit while it grows after calibration
   std::atomic<std::uint64_t> not_ready_{};  // Setup::packed(); stored by the exchange's thread, loaded by any
 };
+
+// Of a robot file: what the registry's row needs of it.
+std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::JointConfig& joint);
+// The driver's own command, and the answer to it.
+PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& bus);
+std::unique_ptr<Scanner> make_scanner();
+// Any bytes are safe.
+FrameText frame_text(const Frame& frame, const FrameContext& context);
+// For example "fault: over-temperature (38)".
+std::string state_words(std::uint32_t mode, std::uint32_t code);
 
 }  // namespace lithe::hal::moteus

@@ -96,12 +96,18 @@ void SubframeWriter::read_each(std::uint32_t start, std::span<const Choice> form
   }
 }
 
-void SubframeWriter::error(Kind kind, std::uint32_t number, std::uint32_t error) LITHE_RT {
-  if (!fits(1 + varuint_size(number) + varuint_size(error))) return;
-  byte(kind == Kind::read_error ? kReadError : kWriteError);
-  varuint(number);
-  varuint(error);
+void SubframeWriter::numbers(std::uint8_t head, std::uint32_t first, std::uint32_t second) LITHE_RT {
+  if (!fits(1 + varuint_size(first) + varuint_size(second))) return;
+  byte(head);
+  varuint(first);
+  varuint(second);
 }
+
+void SubframeWriter::error(Kind kind, std::uint32_t number, std::uint32_t error) LITHE_RT {
+  numbers(kind == Kind::read_error ? kReadError : kWriteError, number, error);
+}
+
+void SubframeWriter::poll(std::uint32_t channel, std::uint32_t most) LITHE_RT { numbers(kPoll, channel, most); }
 
 void SubframeWriter::server_data(std::uint32_t channel, std::span<const std::uint8_t> bytes) LITHE_RT {
   stream(kServerData, channel, bytes);
@@ -122,13 +128,6 @@ void SubframeWriter::stream(std::uint8_t head, std::uint32_t channel, std::span<
   varuint(channel);
   varuint(count);
   for (const std::uint8_t each : bytes) byte(each);
-}
-
-void SubframeWriter::poll(std::uint32_t channel, std::uint32_t most) LITHE_RT {
-  if (!fits(1 + varuint_size(channel) + varuint_size(most))) return;
-  byte(kPoll);
-  varuint(channel);
-  varuint(most);
 }
 
 void SubframeWriter::pad() LITHE_RT {
@@ -227,10 +226,6 @@ std::int32_t to_counts(double value, double worth, std::int32_t most) LITHE_RT {
   return static_cast<std::int32_t>(counts);
 }
 
-void put_little_endian(std::uint32_t bits, std::size_t bytes, std::uint8_t* out) LITHE_RT {
-  for (std::size_t i = 0; i < bytes; ++i) out[i] = static_cast<std::uint8_t>(bits >> (8 * i));
-}
-
 constexpr std::size_t kLow = 0x080;  // from here on only integers, with two exceptions
 
 constexpr std::array<Quantity, kLow> table() {
@@ -267,22 +262,12 @@ Quantity quantity_of(std::uint32_t number) LITHE_RT {
 
 void encode_value(double value, Quantity quantity, Format format, std::uint8_t* out) LITHE_RT {
   const double worth = count_worth(quantity, format);
-  std::uint32_t bits = 0;
-  switch (format) {
-    case Format::int8:
-      bits = static_cast<std::uint32_t>(to_counts(value, worth, std::numeric_limits<std::int8_t>::max()));
-      break;
-    case Format::int16:
-      bits = static_cast<std::uint32_t>(to_counts(value, worth, std::numeric_limits<std::int16_t>::max()));
-      break;
-    case Format::int32:
-      bits = static_cast<std::uint32_t>(to_counts(value, worth, std::numeric_limits<std::int32_t>::max()));
-      break;
-    case Format::float32:
-      bits = std::bit_cast<std::uint32_t>(static_cast<float>(value));
-      break;
-  }
-  put_little_endian(bits, bytes_of(format), out);
+  constexpr std::array<std::int32_t, 3> kMost{127, 32767, std::numeric_limits<std::int32_t>::max()};  // by Format
+  const std::uint32_t bits =
+      format == Format::float32
+          ? std::bit_cast<std::uint32_t>(static_cast<float>(value))
+          : static_cast<std::uint32_t>(to_counts(value, worth, kMost[static_cast<std::size_t>(format)]));
+  put_little_endian(out, bits, bytes_of(format));
 }
 
 double decode_value(const std::uint8_t* in, Quantity quantity, Format format) LITHE_RT {
@@ -293,6 +278,54 @@ double decode_value(const std::uint8_t* in, Quantity quantity, Format format) LI
   const std::int32_t smallest = std::numeric_limits<std::int32_t>::min() >> unused_bits;
   if (counts == smallest) return std::numeric_limits<double>::quiet_NaN();
   return counts * count_worth(quantity, format);
+}
+
+// Names of faults and modes.
+namespace {
+
+constexpr std::uint32_t kFirstFault = fault::kCalibration;
+constexpr std::array kFaults{"calibration failed",
+                             "gate driver fault",
+                             "over-voltage",
+                             "encoder fault",
+                             "motor not configured",
+                             "control loop overran its PWM cycle",
+                             "over-temperature",
+                             "started outside its position bounds",
+                             "under-voltage",
+                             "configuration changed while driving",
+                             "no valid commutation angle",
+                             "no valid position",
+                             "gate driver could not be enabled",
+                             "stop position together with velocity or acceleration limit",
+                             "control timing violated",
+                             "back-EMF feedforward without acceleration limit",
+                             "invalid limits",
+                             "position error too large",
+                             "velocity error too large"};
+
+constexpr std::uint32_t kFirstLimit = fault::kLimitVelocity;
+constexpr std::array kLimits{
+    "velocity limit",          "power limit",  "voltage limit",   "current limit", "temperature limit",
+    "motor temperature limit", "torque limit", "position bounds", "flux braking",  "field weakening"};
+
+constexpr std::array kModes{"stopped",  "fault",   "enabling",      "calibrating", "calibration complete",
+                            "pwm",      "voltage", "voltage foc",   "voltage dq",  "current",
+                            "position", "timeout", "zero velocity", "stay within", "measure inductance",
+                            "brake"};
+
+}  // namespace
+
+const char* fault_name(std::uint32_t code) LITHE_RT {
+  if (code == 0) return "none";
+  if (code >= kFirstFault && code - kFirstFault < kFaults.size()) return kFaults[code - kFirstFault];
+  if (code >= kFirstLimit && code - kFirstLimit < kLimits.size()) return kLimits[code - kFirstLimit];
+  return "unknown";
+}
+
+const char* mode_name(Mode mode) LITHE_RT {
+  const auto index = static_cast<std::size_t>(mode);
+  return index < kModes.size() ? kModes[index] : "unknown";
 }
 
 }  // namespace lithe::hal::moteus

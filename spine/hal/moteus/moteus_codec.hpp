@@ -21,9 +21,13 @@
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/frame.hpp"
-#include "spine/hal/moteus/keys/moteus_units.hpp"
+#include "spine/hal/moteus/keys/moteus_keys.hpp"
 
 namespace lithe::hal::moteus {
+
+// Parts of a CAN id: a reply is asked for; the address of all drives.
+inline constexpr std::uint32_t kReplyRequested = 0x8000;
+inline constexpr std::uint32_t kBroadcast = 0x7f;
 
 // Register numbers used by LITHE.
 namespace reg {
@@ -105,16 +109,35 @@ enum class Mode : std::uint8_t {
   brake = 15,
 };
 
+// Codes of the fault register that are used by name; moteus_codec.cpp has the texts of all.
+namespace fault {
+inline constexpr std::uint32_t kCalibration = 32;
+inline constexpr std::uint32_t kDriver = 33;
+inline constexpr std::uint32_t kEncoder = 35;
+inline constexpr std::uint32_t kOverTemperature = 38;
+inline constexpr std::uint32_t kOutsideLimit = 39;
+inline constexpr std::uint32_t kStopPosition = 45;
+inline constexpr std::uint32_t kLimitVelocity = 96;
+inline constexpr std::uint32_t kLimitTemperature = 100;
+inline constexpr std::uint32_t kLimitTorque = 102;
+inline constexpr std::uint32_t kLimitBounds = 103;
+inline constexpr std::uint32_t kLimitFieldWeakening = 105;
+}  // namespace fault
+
+// True for the code of an active limit: not a fault, the drive continues.
+constexpr bool is_limit(std::uint32_t code) LITHE_RT {
+  return code >= fault::kLimitVelocity && code <= fault::kLimitFieldWeakening;
+}
+
+// A short text without the code; "none" for 0, "unknown" for other codes. Never null.
+// Contract: RT · any thread
+const char* fault_name(std::uint32_t code) LITHE_RT;
+const char* mode_name(Mode mode) LITHE_RT;
+
 Quantity quantity_of(std::uint32_t number) LITHE_RT;
 
 constexpr std::size_t bytes_of(Format format) LITHE_RT {
   return format == Format::int8 ? 1 : format == Format::int16 ? 2 : 4;
-}
-
-constexpr std::uint32_t little_endian(const std::uint8_t* in, std::size_t bytes) LITHE_RT {
-  std::uint32_t bits = 0;
-  for (std::size_t i = 0; i < bytes; ++i) bits |= std::uint32_t{in[i]} << (8 * i);
-  return bits;
 }
 
 // Integers: towards zero, saturated; what is not finite as the smallest integer, which reads as NaN. Writes
@@ -154,6 +177,7 @@ class SubframeWriter {
  private:
   void values(std::uint8_t base, Format format, std::uint32_t start, std::span<const double> values, bool long_form)
       LITHE_RT;
+  void numbers(std::uint8_t head, std::uint32_t first, std::uint32_t second) LITHE_RT;
   void stream(std::uint8_t head, std::uint32_t channel, std::span<const std::uint8_t> bytes) LITHE_RT;
   bool fits(std::size_t bytes) LITHE_RT;
   void byte(std::uint8_t value) LITHE_RT { frame_->data[frame_->size++] = value; }

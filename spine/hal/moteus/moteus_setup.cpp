@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/moteus/moteus_setup.hpp"
 
+#include <fmt/format.h>
+
 #include <bit>
 #include <cmath>
-#include <cstdio>
 #include <string_view>
 
 #include "spine/hal/bus/serial/words.hpp"
-#include "spine/hal/moteus/numbers.hpp"
 
 namespace lithe::hal::moteus {
 namespace {
@@ -51,8 +51,6 @@ std::string_view name_of(std::uint8_t question) {
 }
 
 }  // namespace
-
-void Setup::restart() LITHE_RT { *this = Setup(expected_); }
 
 void Setup::ask(SubframeWriter& writer) LITHE_RT {
   ++exchanges_;
@@ -213,48 +211,32 @@ std::uint64_t Setup::packed() const LITHE_RT {
 }
 
 std::string describe_not_ready(std::uint64_t packed) {
-  const std::string name(name_of(static_cast<std::uint8_t>(packed >> 32)));
-  std::array<char, 32> number{};
-  std::snprintf(number.data(), number.size(), "%g",
-                static_cast<double>(std::bit_cast<float>(static_cast<std::uint32_t>(packed))));
-  const std::string said = name + " is " + number.data();
-  switch (static_cast<NotReady>(packed >> 40)) {
-    case NotReady::none:
-      return "";
-    case NotReady::silent:
-      return "has not yet said how it is set; check its power, cable and id";
-    case NotReady::register_map:
-      return said + ", LITHE knows 5: update the drive's firmware";
-    case NotReady::unsaid:
-      return "does not answer 'conf get " + name + "' with a number; end other programs that use its console";
-    case NotReady::gain:
-      return said + ", and a command can only scale it: set it above 0, as its motor needs it (conf set, conf write)";
-    case NotReady::too_strong:
-      return said +
-             ": left alone it would damp with more than the joint's torque_max_nm, and it does not take less from "
-             "here; "
-             "set it lower (conf set, conf write)";
-    case NotReady::limp:
-      return said +
-             ": the joint would fall when this computer dies; set servo.timeout_mode to 12 and "
-             "servo.timeout_max_torque_Nm above 0 (conf set, conf write)";
-    case NotReady::holds:
-      return said +
-             ": when this computer dies, the drive would go on and hold the joint with its own gains, without a limit; "
-             "set it to damp (conf set servo.timeout_mode 12, then conf write), or permit it: may_hold_alone = true in "
-             "its [[device]]";
-    case NotReady::weak:
-      return said +
-             ", less than the joint's kp_max_nm_rad, kd_max_nm_s_rad or safe_kd_nm_s_rad, and [device.frames] command "
-             "in whole numbers can ask for no more than the drive's own gain: raise the gain (conf set, conf write), "
-             "lower those, or say command = \"float\"";
-    case NotReady::setting:
-      return said +
-             ", and [device.frames] settings = \"drive\" leaves it to the drive: set servo.default_timeout_s to the "
-             "device's watchdog_s, servo.default_velocity_limit and servo.default_accel_limit to nan, "
-             "servo.pid_position.ilimit to 0 (conf set, conf write), or say settings = \"command\"";
-  }
-  return "";
+  constexpr const char* kAdvice[] = {
+      "",
+      "has not yet said how it is set; check its power, cable and id",
+      ", LITHE knows 5: update the drive's firmware",
+      "' with a number; end other programs that use its console",
+      ", and a command can only scale it: set it above 0, as its motor needs it (conf set, conf write)",
+      ": the joint would fall when this computer dies; set servo.timeout_mode to 12 and servo.timeout_max_torque_Nm "
+      "above 0 (conf set, conf write)",
+      ": when this computer dies, the drive would go on and hold the joint with its own gains, without a limit; set it "
+      "to damp (conf set servo.timeout_mode 12, then conf write), or permit it: may_hold_alone = true in its "
+      "[[device]]",
+      ", less than the joint's kp_max_nm_rad, kd_max_nm_s_rad or safe_kd_nm_s_rad, and [device.frames] command in "
+      "whole "
+      "numbers can ask for no more than the drive's own gain: raise the gain (conf set, conf write), lower those, or "
+      "say command = \"float\"",
+      ", and [device.frames] settings = \"drive\" leaves it to the drive: set servo.default_timeout_s to the device's "
+      "watchdog_s, servo.default_velocity_limit and servo.default_accel_limit to nan, servo.pid_position.ilimit to 0 "
+      "(conf set, conf write), or say settings = \"command\"",
+      ": left alone it would damp with more than the joint's torque_max_nm, and it does not take less from here; set "
+      "it "
+      "lower (conf set, conf write)"};
+  const auto why = static_cast<NotReady>(packed >> 40);
+  const std::string name(name_of(static_cast<std::uint8_t>(packed >> 32))), advice = kAdvice[packed >> 40];
+  if (why == NotReady::unsaid) return "does not answer 'conf get " + name + advice;
+  if (why <= NotReady::silent) return advice;
+  return fmt::format("{} is {:g}{}", name, std::bit_cast<float>(static_cast<std::uint32_t>(packed)), advice);
 }
 
 }  // namespace lithe::hal::moteus

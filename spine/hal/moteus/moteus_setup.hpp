@@ -58,7 +58,7 @@ class Setup {
 
   explicit Setup(const Expected& expected = {}) : expected_(expected) {}
 
-  void restart() LITHE_RT;
+  void restart() LITHE_RT { *this = Setup(expected_); }
   bool ready() const LITHE_RT { return question_ == (expected_.settings ? kAllQuestions : kQuestions); }
   const Settings& settings() const LITHE_RT { return settings_; }
   NotReady not_ready() const LITHE_RT { return not_ready_; }

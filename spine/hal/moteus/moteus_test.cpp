@@ -10,7 +10,7 @@
 #include <numbers>
 #include <random>
 
-#include "spine/hal/moteus/moteus_faults.hpp"
+#include "spine/hal/moteus/moteus_codec.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::hal::moteus {

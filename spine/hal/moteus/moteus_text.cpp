@@ -9,8 +9,8 @@
 #include <utility>
 
 #include "spine/core/text.hpp"
-#include "spine/hal/moteus/moteus_faults.hpp"
-#include "spine/hal/moteus/moteus_type.hpp"
+#include "spine/hal/moteus/moteus.hpp"
+#include "spine/hal/moteus/moteus_codec.hpp"
 
 namespace lithe::hal::moteus {
 namespace {
@@ -94,33 +94,20 @@ std::string stream_text(const Subframe& s) {
 
 // The text, and whether a host sends this kind of frame.
 std::pair<std::string, bool> subframe_text(const Subframe& s) {
-  switch (s.kind) {
-    case Kind::write:
-      return {"write " + values_text(s), true};
-    case Kind::read:
-      return {read_text(s), true};
-    case Kind::reply:
-      return {values_text(s), false};
-    case Kind::write_error:
-      return {fmt::format("cannot write {}: error {}", name_of(s.start), s.error), false};
-    case Kind::read_error:
-      return {fmt::format("cannot read {}: error {}", name_of(s.start), s.error), false};
-    case Kind::client_data:
-      return {"to " + stream_text(s), true};
-    case Kind::server_data:
-      return {"from " + stream_text(s), false};
-    case Kind::poll:
-      return {fmt::format("poll channel {}", s.start), true};
-    case Kind::flow:
-      break;
-  }
+  if (s.kind == Kind::write) return {"write " + values_text(s), true};
+  if (s.kind == Kind::read) return {read_text(s), true};
+  if (s.kind == Kind::reply) return {values_text(s), false};
+  if (s.kind == Kind::write_error) return {fmt::format("cannot write {}: error {}", name_of(s.start), s.error), false};
+  if (s.kind == Kind::read_error) return {fmt::format("cannot read {}: error {}", name_of(s.start), s.error), false};
+  if (s.kind == Kind::client_data) return {"to " + stream_text(s), true};
+  if (s.kind == Kind::server_data) return {"from " + stream_text(s), false};
+  if (s.kind == Kind::poll) return {fmt::format("poll channel {}", s.start), true};
   return {"stream with flow control", false};  // used in both directions: the reply bit decides
 }
 
 }  // namespace
 
 FrameText frame_text(const Frame& frame, const FrameContext& /*context*/) {
-  constexpr std::uint32_t kReplyRequested = 0x8000, kBroadcast = 0x7f;
   FrameText decoded;
   decoded.outbound = (frame.id & kReplyRequested) != 0;
   SubframeReader reader(frame.payload());

@@ -5,43 +5,27 @@
 #include <cmath>
 
 namespace lithe::hal::sim {
-namespace {
-
-constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
-constexpr double kNothing = 1e-15;  // below this a lag's value is set to 0: denormal numbers are slow
-
-}  // namespace
 
 Chain::Chain(const ChainParams& params)
     : gravity_m_s2_(params.gravity_m_s2), count_(std::min(params.links.size(), kMaxJoints)) {
   for (std::size_t i = 0; i < count_; ++i) {
-    const ChainLink& link = params.links[i];
     Joint& joint = joints_[i];
-    joint.mass_kg = link.mass_kg;
-    joint.first_moment_kg_m = link.mass_kg * link.center_m;
-    joint.inertia_kg_m2 = link.inertia_kg_m2 + joint.first_moment_kg_m * link.center_m;
-    joint.length_m = link.length_m;
-    joint.rotor_kg_m2 = link.rotor_inertia_kg_m2;
-    joint.viscous_nm_s_rad = link.joint.viscous_nm_s_rad;
-    joint.coulomb_nm = link.joint.coulomb_nm;
-    joint.stribeck_nm = link.joint.stribeck_nm;
-    joint.stribeck_rad_s = link.joint.stribeck_rad_s;
-    joint.cogging_nm = link.joint.cogging_nm;
-    joint.cogging_per_rad = link.joint.cogging_per_rev;
-    joint.phase_rad = cogging_phase_rad(link.joint.seed);
-    joint.lag_gain = link.joint.torque_lag_s > 0 ? 1 - std::exp(-kStepS / link.joint.torque_lag_s) : 1;
-    joint.torque_max_nm = link.joint.torque_max_nm;
-    joint.position_rad = joint.start_rad = link.joint.initial_position_rad;
+    joint.link = params.links[i];
+    joint.first_moment_kg_m = joint.link.mass_kg * joint.link.center_m;
+    joint.inertia_kg_m2 = joint.link.inertia_kg_m2 + joint.first_moment_kg_m * joint.link.center_m;
+    joint.phase_rad = cogging_phase_rad(joint.link.joint.seed);
+    joint.lag_gain = Plant::lag_gain(joint.link.joint.torque_lag_s);
+    joint.position_rad = joint.link.joint.initial_position_rad;
   }
 }
 
 double Chain::inertia_kg_m2(std::size_t joint) const {
-  double sum = joints_[joint].rotor_kg_m2;
+  double sum = joints_[joint].link.rotor_inertia_kg_m2;
   double way_m = 0;
   for (std::size_t i = joint; i < count_; ++i) {
-    const Joint& link = joints_[i];
-    sum += link.inertia_kg_m2 + way_m * (2 * link.first_moment_kg_m + link.mass_kg * way_m);
-    way_m += link.length_m;
+    const Joint& each = joints_[i];
+    sum += each.inertia_kg_m2 + way_m * (2 * each.first_moment_kg_m + each.link.mass_kg * way_m);
+    way_m += each.link.length_m;
   }
   return sum;
 }
@@ -54,7 +38,7 @@ void Chain::place(std::size_t joint, double position_rad, double velocity_rad_s)
 
 void Chain::to_start() LITHE_RT {
   for (Joint& joint : joints_) {
-    joint.position_rad = joint.start_rad;
+    joint.position_rad = joint.link.joint.initial_position_rad;
     joint.velocity_rad_s = joint.torque_nm = joint.acceleration_rad_s2 = 0;
   }
 }
@@ -73,14 +57,15 @@ void Chain::step(std::span<const double> wanted_nm) LITHE_RT {
 void Chain::drive(std::span<const double> wanted_nm) LITHE_RT {
   for (std::size_t i = 0; i < count_; ++i) {
     Joint& joint = joints_[i];
+    const PlantParams& is = joint.link.joint;
     const double wanted = i < wanted_nm.size() ? wanted_nm[i] : 0;
-    const double limited_nm = std::clamp(wanted, -joint.torque_max_nm, joint.torque_max_nm);
+    const double limited_nm = std::clamp(wanted, -is.torque_max_nm, is.torque_max_nm);
     joint.torque_nm += joint.lag_gain * (limited_nm - joint.torque_nm);
-    if (std::abs(joint.torque_nm) < kNothing) joint.torque_nm = 0;
-    joint.driving_nm = joint.torque_nm - joint.viscous_nm_s_rad * joint.velocity_rad_s;
-    if (joint.cogging_nm != 0)
-      joint.driving_nm -= joint.cogging_nm * std::sin(joint.cogging_per_rad * joint.position_rad + joint.phase_rad);
-    joint.dry_nm = dry_friction_nm(joint.coulomb_nm, joint.stribeck_nm, joint.stribeck_rad_s, joint.velocity_rad_s);
+    if (std::abs(joint.torque_nm) < Plant::kNothing) joint.torque_nm = 0;
+    joint.driving_nm = joint.torque_nm - is.viscous_nm_s_rad * joint.velocity_rad_s;
+    if (is.cogging_nm != 0)
+      joint.driving_nm -= is.cogging_nm * std::sin(is.cogging_per_rev * joint.position_rad + joint.phase_rad);
+    joint.dry_nm = dry_friction_nm(is.coulomb_nm, is.stribeck_nm, is.stribeck_rad_s, joint.velocity_rad_s);
     joint.locked = joint.velocity_rad_s == 0 && joint.dry_nm > 0;
     joint.friction_nm = joint.velocity_rad_s != 0 ? -std::copysign(joint.dry_nm, joint.velocity_rad_s) : 0;
   }
@@ -94,13 +79,13 @@ void Chain::place_links() LITHE_RT {
     Joint& joint = joints_[i];
     angle_rad += joint.position_rad;
     // The velocity half a step ahead, with the acceleration of the last step (second-order accurate).
-    turn_rad_s += joint.velocity_rad_s + 0.5 * kStepS * joint.acceleration_rad_s2;
+    turn_rad_s += joint.velocity_rad_s + 0.5 * Plant::kStepS * joint.acceleration_rad_s2;
     const double sine = std::sin(angle_rad);
     const double cosine = std::cos(angle_rad);
     joint.moment_x = joint.first_moment_kg_m * sine;
     joint.moment_y = -joint.first_moment_kg_m * cosine;
-    joint.next_x = joint.length_m * sine;
-    joint.next_y = -joint.length_m * cosine;
+    joint.next_x = joint.link.length_m * sine;
+    joint.next_y = -joint.link.length_m * cosine;
     joint.turn2 = turn_rad_s * turn_rad_s;
   }
 }
@@ -109,12 +94,13 @@ void Chain::place_links() LITHE_RT {
 void Chain::accelerate() LITHE_RT {
   for (std::size_t i = count_; i-- > 0;) {
     Joint& joint = joints_[i];
-    joint.body = {joint.inertia_kg_m2, -joint.moment_y, joint.moment_x, joint.mass_kg, 0, joint.mass_kg};
+    joint.body = {joint.inertia_kg_m2, -joint.moment_y, joint.moment_x, joint.link.mass_kg, 0, joint.link.mass_kg};
     joint.pull = {0, -joint.turn2 * joint.moment_x, -joint.turn2 * joint.moment_y};
     if (i + 1 < count_) hang_on(joint, joints_[i + 1]);
     // Viscous friction is implicit (velocity at the end of the step), so it acts like an inertia and is stable for any
     // size.
-    joint.resistance = joint.body.rr + joint.rotor_kg_m2 + kStepS * joint.viscous_nm_s_rad;
+    joint.resistance =
+        joint.body.rr + joint.link.rotor_inertia_kg_m2 + Plant::kStepS * joint.link.joint.viscous_nm_s_rad;
   }
   Motion base{0, 0, gravity_m_s2_};  // gravity is a base that accelerates upwards
   for (std::size_t i = 0; i < count_; ++i) {
@@ -187,14 +173,14 @@ void Chain::move() LITHE_RT {
   for (std::size_t i = 0; i < count_; ++i) {
     Joint& joint = joints_[i];
     const double before_rad_s = joint.velocity_rad_s;
-    joint.velocity_rad_s += kStepS * joint.acceleration_rad_s2;
+    joint.velocity_rad_s += Plant::kStepS * joint.acceleration_rad_s2;
     // Friction only stops a joint: it never reverses it or starts it from rest.
     const double pushed_rad_s = before_rad_s != 0 ? before_rad_s : -joint.friction_nm;
     if (joint.dry_nm > 0 && pushed_rad_s * joint.velocity_rad_s < 0) {
       joint.velocity_rad_s = 0;
       joint.acceleration_rad_s2 = 0;
     }
-    joint.position_rad += kStepS * joint.velocity_rad_s;
+    joint.position_rad += Plant::kStepS * joint.velocity_rad_s;
   }
 }
 

@@ -9,7 +9,6 @@
 
 #include "spine/core/joints.hpp"
 #include "spine/core/rt.hpp"
-#include "spine/hal/physics/mechanism.hpp"
 #include "spine/hal/physics/plant.hpp"
 
 namespace lithe::hal::sim {
@@ -65,12 +64,10 @@ class Chain final : public Mechanism {
     double r = 0, x = 0, y = 0;
   };
   struct Joint {
+    ChainLink link;
     // Constants.
-    double mass_kg = 0, first_moment_kg_m = 0, inertia_kg_m2 = 0;  // of the link about its joint
-    double length_m = 0, rotor_kg_m2 = 0;
-    double viscous_nm_s_rad = 0, coulomb_nm = 0, cogging_nm = 0, cogging_per_rad = 0, phase_rad = 0;
-    double stribeck_nm = 0, stribeck_rad_s = 0.1;
-    double lag_gain = 1, torque_max_nm = 0, start_rad = 0;
+    double first_moment_kg_m = 0, inertia_kg_m2 = 0;  // of the link about its joint
+    double phase_rad = 0, lag_gain = 1;
     // State.
     double position_rad = 0, velocity_rad_s = 0, torque_nm = 0, acceleration_rad_s2 = 0;
     // Values of the present step.

@@ -46,14 +46,13 @@ void CoupledDrive::move(double motor_nm) LITHE_RT {
 }
 
 void CoupledDrive::measure() LITHE_RT {
-  constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
   constexpr double kNothing = 1e-12;
   const double rev = joint_.motor_rev(plant_.position_rad() + errors_.encoder_error_rad()) + offset_rev_;
   encoder_rev_ = std::floor(rev * encoder_.counts_per_rev) / encoder_.counts_per_rev;
   const double pole = 2 * std::numbers::pi * encoder_.filter_hz;
   const double error_rev = encoder_rev_ - tracked_rev_;
-  velocity_rev_s_ += kStepS * pole * pole * error_rev;
-  tracked_rev_ += kStepS * (velocity_rev_s_ + 2 * pole * error_rev);
+  velocity_rev_s_ += Plant::kStepS * pole * pole * error_rev;
+  tracked_rev_ += Plant::kStepS * (velocity_rev_s_ + 2 * pole * error_rev);
   if (std::abs(velocity_rev_s_) < kNothing) velocity_rev_s_ = 0;
 }
 

@@ -1,13 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// What simulated drives share: their time grid, their plant, and the encoder on it.
+// What simulated drives share (their time grid, their plant, the encoder on it), and what a simulated device is made
+// from.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <memory>
 
 #include "spine/core/rt.hpp"
+#include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/core/drive.hpp"
 #include "spine/hal/physics/plant.hpp"
 #include "spine/hal/physics/truth.hpp"
+#include "spine/robot/config.hpp"
 
 namespace lithe::hal::sim {
 
@@ -60,6 +65,23 @@ class CoupledDrive {
 
  private:
   Encoder encoder_;
+};
+
+// A simulated device at the far end of a bus.
+struct SimDevice {
+  std::unique_ptr<BusNode> node;
+  CoupledDrive* drive = nullptr;  // of the node; null: it moves nothing
+};
+
+// One device of a robot, and what its motor moves. A device that measures has no use for the lower four.
+struct SimPlace {
+  const robot::DeviceConfig& device;
+  const robot::BusConfig& bus;
+  std::size_t index = 0;  // of the device in its robot
+  std::uint32_t encoder_counts = 0;
+  JointTransform joint{};
+  PlantParams plant{};
+  DriveErrors errors{};
 };
 
 }  // namespace lithe::hal::sim

@@ -11,7 +11,7 @@
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/physics/coupled_drive.hpp"
-#include "spine/hal/physics/mechanism.hpp"
+#include "spine/hal/physics/plant.hpp"
 
 namespace lithe::hal::sim {
 

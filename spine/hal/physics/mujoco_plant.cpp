@@ -20,9 +20,7 @@
 namespace lithe::hal::sim {
 namespace {
 
-constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
 constexpr std::size_t kMaxModelBytes = std::size_t{64} << 20;
-constexpr double kNothing = 1e-15;  // the tail of a lag would end in slow denormal numbers
 
 // The functions used of the library, which stays loaded.
 struct Library {
@@ -106,7 +104,7 @@ class MujocoPlant final : public Mechanism {
       Joint& joint = joints_[i];
       const double wanted = i < wanted_nm.size() ? wanted_nm[i] : 0;
       joint.torque_nm += joint.lag_gain * (std::clamp(wanted, -joint.most_nm, joint.most_nm) - joint.torque_nm);
-      if (std::abs(joint.torque_nm) < kNothing) joint.torque_nm = 0;
+      if (std::abs(joint.torque_nm) < Plant::kNothing) joint.torque_nm = 0;
     }
     if (part_ == 0) move();
     part_ = (part_ + 1) % parts_;
@@ -143,8 +141,8 @@ class MujocoPlant final : public Mechanism {
     const int id = library_.find(model_.get(), mjOBJ_JOINT, joint.name.c_str());
     if (id < 0) return Error{"there is no joint '" + joint.name + "'; its hinges: " + hinges()};
     if (model_->jnt_type[id] != mjJNT_HINGE) return Error{"joint '" + joint.name + "' is no hinge"};
-    Joint own{model_->jnt_qposadr[id], model_->jnt_dofadr[id],
-              joint.torque_lag_s > 0 ? 1 - std::exp(-kStepS / joint.torque_lag_s) : 1, joint.torque_max_nm};
+    Joint own{model_->jnt_qposadr[id], model_->jnt_dofadr[id], Plant::lag_gain(joint.torque_lag_s),
+              joint.torque_max_nm};
     own.position_rad = own.from_rad = own.start_rad = joint.initial_position_rad;
     joints_.push_back(own);
     return done();

@@ -10,7 +10,6 @@
 
 #include "spine/core/result.hpp"
 #include "spine/core/time.hpp"
-#include "spine/hal/physics/mechanism.hpp"
 #include "spine/hal/physics/plant.hpp"
 
 namespace lithe::hal::sim {

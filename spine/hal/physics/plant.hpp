@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Physics of one joint: inertia, gravity, dry friction, motor lag.
+// Physics of one joint (inertia, gravity, dry friction, motor lag), and the interface of several joints.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
+#include <numbers>
+#include <span>
 
+#include "spine/core/pinned.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/hal/bus/loop/draws.hpp"
 
 namespace lithe::hal::sim {
 
@@ -37,7 +42,7 @@ inline double dry_friction_nm(double coulomb_nm, double stribeck_nm, double stri
 }
 
 // Phase of a motor's cogging: random, the same for the same seed.
-double cogging_phase_rad(std::uint64_t seed);
+inline double cogging_phase_rad(std::uint64_t seed) { return 2 * std::numbers::pi * Draws(seed).share(); }
 
 //   inertia * angle'' = torque - mgl sin(angle) - viscous * velocity - friction - cogging,  torque' = (wanted - torque)
 //   / lag
@@ -49,8 +54,19 @@ double cogging_phase_rad(std::uint64_t seed);
 class Plant {
  public:
   static constexpr std::int64_t kStepNs = 50'000;
+  static constexpr double kStepS = 1e-9 * static_cast<double>(kStepNs);
+  static constexpr double kNothing = 1e-15;  // a torque below it becomes 0: denormal numbers are slow
 
-  explicit Plant(const PlantParams& params);
+  // The share of the way to the wanted torque that a motor with this lag goes in a step.
+  static double lag_gain(double lag_s) { return lag_s > 0 ? 1 - std::exp(-kStepS / lag_s) : 1; }
+
+  explicit Plant(const PlantParams& params)
+      : params_(params),
+        lag_gain_(lag_gain(params.torque_lag_s)),
+        step_per_inertia_(kStepS / params.inertia_kg_m2),
+        viscous_gain_(1 / (1 + step_per_inertia_ * params.viscous_nm_s_rad)),
+        phase_rad_(cogging_phase_rad(params.seed)),
+        position_rad_(params.initial_position_rad) {}
 
   // Simulates kStepNs with this commanded motor torque (finite).
   void step(double wanted_nm) LITHE_RT {
@@ -58,10 +74,10 @@ class Plant {
     if (coupled_) return;
     const double limited_nm = std::clamp(wanted_nm, -params_.torque_max_nm, params_.torque_max_nm);
     torque_nm_ += lag_gain_ * (limited_nm - torque_nm_);
-    if (std::abs(torque_nm_) < kNothing) torque_nm_ = 0;  // denormal numbers are slow
+    if (std::abs(torque_nm_) < kNothing) torque_nm_ = 0;
     double load_nm = torque_nm_ - params_.mgl_nm * std::sin(position_rad_);
     if (params_.cogging_nm != 0)
-      load_nm -= params_.cogging_nm * std::sin(cogging_per_rad_ * position_rad_ + phase_rad_);
+      load_nm -= params_.cogging_nm * std::sin(params_.cogging_per_rev * position_rad_ + phase_rad_);
     const double moved_by_nm = velocity_rad_s_ != 0 ? velocity_rad_s_ : load_nm;  // only its sign counts
     const double friction_nm =
         dry_friction_nm(params_.coulomb_nm, params_.stribeck_nm, params_.stribeck_rad_s, velocity_rad_s_);
@@ -93,26 +109,39 @@ class Plant {
 
   // Sets the joint's position, at rest.
   // Contract: tests and set-up
-  void place(double position_rad) LITHE_RT {
-    position_rad_ = position_rad;
-    velocity_rad_s_ = 0;
-  }
+  void place(double position_rad) LITHE_RT { follow(position_rad, 0, torque_nm_); }
 
  private:
-  static constexpr double kStepS = 1e-9 * static_cast<double>(kStepNs);
-  static constexpr double kNothing = 1e-15;
-
   PlantParams params_;
   double lag_gain_;
   double step_per_inertia_;
   double viscous_gain_;
-  double cogging_per_rad_;
   double phase_rad_;
   double position_rad_;
   double velocity_rad_s_ = 0;
   double torque_nm_ = 0;
   double wanted_nm_ = 0;
   bool coupled_ = false;
+};
+
+// A mechanism that couples several joints. Simulates in steps of Plant::kStepNs. Same inputs, same motion, to the bit.
+// Contract: RT · one thread · no clock of its own
+class Mechanism : public Interface {
+ public:
+  // Simulates Plant::kStepNs. One finite torque per joint; extra values are ignored.
+  virtual void step(std::span<const double> wanted_nm) LITHE_RT = 0;
+
+  // Puts every joint back to its start, at rest.
+  virtual void to_start() LITHE_RT = 0;
+
+  virtual std::size_t joints() const LITHE_RT = 0;
+  virtual double position_rad(std::size_t joint) const LITHE_RT = 0;
+  virtual double velocity_rad_s(std::size_t joint) const LITHE_RT = 0;
+  virtual double torque_nm(std::size_t joint) const LITHE_RT = 0;  // of the motor, at the joint
+
+  // The inertia that a drive at this joint is tuned for: everything that turns with it, in a usual pose.
+  // Contract: never in the tick
+  virtual double inertia_kg_m2(std::size_t joint) const = 0;
 };
 
 }  // namespace lithe::hal::sim

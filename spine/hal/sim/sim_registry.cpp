@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/sim/sim_registry.hpp"
+#include "spine/hal/sim/simulate.hpp"
 
 #include <array>
 

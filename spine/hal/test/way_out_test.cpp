@@ -130,7 +130,7 @@ INSTANTIATE_TEST_SUITE_P(
                     // Seen as if the drive told turns per minute, until somebody sets it right.
                     Latched{"a velocity that is not that of its position", [](Cia402WayOut& line) {
                               line.cable().back = [](Frame& frame) {
-                                if (frame.id == 0x181) canopen::put(frame.data.data(), 1, 4);
+                                if (frame.id == 0x181) put_little_endian(frame.data.data(), 1, 4);
                                 return true;
                               };
                               line.torque(0.3);

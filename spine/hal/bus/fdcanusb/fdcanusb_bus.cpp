@@ -111,18 +111,13 @@ TextBus::Said FdcanusbBus::parse(std::string_view line, Frame& frame) LITHE_RT {
   const bool demanded =
       said.kind == fdcanusb::Line::Kind::error && said.text.find("checksum") != std::string_view::npos;
   if (checksums_ != Checksums::off && (demanded || said.sum == fdcanusb::Sum::right)) with_sums_ = true;
-  switch (said.kind) {
-    case fdcanusb::Line::Kind::received:
-      frame = said.frame;
-      return Said::frame;
-    case fdcanusb::Line::Kind::ok:
-      return Said::acknowledged;
-    case fdcanusb::Line::Kind::error:
-      return said.text == "already in BusOn" ? Said::nothing : Said::refused;
-    case fdcanusb::Line::Kind::other:
-      if (begins(said.text, "lec=")) note_state(said.text);
-      break;
+  if (said.kind == fdcanusb::Line::Kind::received) {
+    frame = said.frame;
+    return Said::frame;
   }
+  if (said.kind == fdcanusb::Line::Kind::ok) return Said::acknowledged;
+  if (said.kind == fdcanusb::Line::Kind::error) return said.text == "already in BusOn" ? Said::nothing : Said::refused;
+  if (begins(said.text, "lec=")) note_state(said.text);
   return Said::nothing;
 }
 

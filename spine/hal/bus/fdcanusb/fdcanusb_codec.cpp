@@ -3,7 +3,6 @@
 
 #include <array>
 
-#include "spine/hal/bus/serial/hex.hpp"
 #include "spine/hal/bus/serial/words.hpp"
 
 namespace lithe::hal::fdcanusb {
@@ -72,22 +71,10 @@ bool parse_received(std::string_view rest, bool summed, Line& out) LITHE_RT {
 
 const char* parse_flags(std::string_view flags, Request& out) LITHE_RT {
   for (const char flag : flags) {
-    switch (flag) {
-      case 'B':
-      case 'b':
-        out.frame.brs = flag == 'B';
-        break;
-      case 'F':
-      case 'f':
-        out.frame.fd = flag == 'F';
-        break;
-      case 'R':
-      case 'r':
-        out.kind = flag == 'R' ? Request::Kind::remote : Request::Kind::send;
-        break;
-      default:
-        return "unknown flag";
-    }
+    if (std::string_view("BbFfRr").find(flag) == std::string_view::npos) return "unknown flag";
+    if (flag == 'B' || flag == 'b') out.frame.brs = flag == 'B';
+    if (flag == 'F' || flag == 'f') out.frame.fd = flag == 'F';
+    if (flag == 'R' || flag == 'r') out.kind = flag == 'R' ? Request::Kind::remote : Request::Kind::send;
   }
   return nullptr;
 }

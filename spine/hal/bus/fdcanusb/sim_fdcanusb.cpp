@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/bus/fdcanusb/sim_fdcanusb.hpp"
 
+#include <fmt/format.h>
+
 #include <charconv>
-#include <cstdio>
 
 #include "spine/hal/bus/serial/words.hpp"
 
@@ -45,11 +46,7 @@ constexpr SimFdcanusb::Settings factory() {
   return values;
 }
 
-std::string shown(double value) {
-  std::array<char, 32> text{};
-  const int length = std::snprintf(text.data(), text.size(), "%.7g", value);
-  return {text.data(), static_cast<std::size_t>(length)};
-}
+std::string shown(double value) { return fmt::format("{:.7g}", value); }
 
 }  // namespace
 

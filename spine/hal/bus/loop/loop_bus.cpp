@@ -39,7 +39,4 @@ void LoopBus::deliver() LITHE_RT {
   count_refused();
 }
 
-// Both directions: commands, and uncollected answers.
-void LoopBus::count_refused() LITHE_RT { statistics_.refused = outbound_.refused() + inbound_.refused(); }
-
 }  // namespace lithe::hal

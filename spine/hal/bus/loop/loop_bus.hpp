@@ -57,12 +57,8 @@ enum class InjectedFault : std::uint8_t {
 };
 
 // A simulated device on a LoopBus. It gets every frame and picks its own, as on a real CAN bus.
-class BusNode {
+class BusNode : public Interface {
  public:
-  BusNode() = default;
-  BusNode(const BusNode&) = delete;
-  BusNode& operator=(const BusNode&) = delete;
-  virtual ~BusNode() = default;
   virtual void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT = 0;
   // The frames that the device sends by itself: heartbeats, timed messages. Called about once a millisecond.
   virtual void on_time(std::int64_t /*now_ns*/, FrameQueue& /*answers*/) LITHE_RT {}
@@ -85,7 +81,8 @@ class LoopBus final : public Bus {
 
  private:
   void deliver() LITHE_RT;
-  void count_refused() LITHE_RT;
+  // Both directions: commands, and uncollected answers.
+  void count_refused() LITHE_RT { statistics_.refused = outbound_.refused() + inbound_.refused(); }
 
   std::int64_t now_ns_ = 0;
   FrameQueue outbound_;

@@ -5,21 +5,10 @@
 
 namespace lithe::hal::sim {
 
-std::uint64_t SimWire::draw() LITHE_RT {  // SplitMix64
-  std::uint64_t z = state_ += 0x9e3779b97f4a7c15;
-  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9;
-  z = (z ^ (z >> 27)) * 0x94d049bb133111eb;
-  return z ^ (z >> 31);
-}
-
-bool SimWire::happens(double share) LITHE_RT {
-  return share > 0 && static_cast<double>(draw() >> 11) * 0x1p-53 < share;
-}
-
 Frame SimWire::damaged(const Frame& frame) LITHE_RT {
   Frame broken = frame;
   if (frame.payload().empty() || !happens(faults_.corrupt)) return broken;
-  const std::uint64_t bit = draw() % (8 * frame.payload().size());
+  const std::uint64_t bit = draws_.next() % (8 * frame.payload().size());
   broken.data[bit / 8] = static_cast<std::uint8_t>(broken.data[bit / 8] ^ 1U << bit % 8);
   return broken;
 }

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "spine/hal/bus/loop/draws.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/core/frame.hpp"
 
@@ -26,7 +27,7 @@ struct WireFaults {
 // Contract: RT but for attach and detach · one thread · time is an argument
 class SimWire final : public BusNode {
  public:
-  explicit SimWire(std::uint64_t seed) : state_(seed) {}
+  explicit SimWire(std::uint64_t seed) : draws_(seed) {}
 
   void attach(BusNode& node) { nodes_.push_back(&node); }
   void detach(BusNode& node) { std::erase(nodes_, &node); }
@@ -63,15 +64,14 @@ class SimWire final : public BusNode {
   };
 
   void carry(const Frame& frame, std::int64_t now_ns) LITHE_RT;
-  std::uint64_t draw() LITHE_RT;
-  bool happens(double share) LITHE_RT;
+  bool happens(double share) LITHE_RT { return share > 0 && draws_.share() < share; }
   void come_back(std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
   void keep(const Late& late) LITHE_RT;
   Frame damaged(const Frame& frame) LITHE_RT;
 
   std::vector<BusNode*> nodes_;
   WireFaults faults_;
-  std::uint64_t state_;
+  Draws draws_;
   FrameQueue said_;
   Past told_before_;
   Past said_before_;

@@ -22,12 +22,8 @@ struct ImuReading {
 };
 
 // Contract: RT · one thread
-class ImuSource {
+class ImuSource : public Interface {
  public:
-  ImuSource() = default;
-  ImuSource(const ImuSource&) = delete;
-  ImuSource& operator=(const ImuSource&) = delete;
-  virtual ~ImuSource() = default;
   // The newest reading; the caller checks its age.
   virtual const ImuReading& imu(std::int64_t now_ns) LITHE_RT = 0;
 };

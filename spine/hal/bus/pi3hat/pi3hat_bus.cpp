@@ -103,8 +103,6 @@ void Pi3hatBoard::take(const Pi3hatAttitude& attitude) LITHE_RT {
   imu_.taken_ns = now_ns_;
 }
 
-const ImuReading& Pi3hatBoard::imu(std::int64_t /*now_ns*/) LITHE_RT { return imu_; }
-
 std::string Pi3hatBoard::why_down() const {
   const int error = error_.load(std::memory_order_relaxed);
   if (error == 0) return "";

@@ -9,6 +9,7 @@
 #include <memory>
 #include <span>
 
+#include "spine/core/pinned.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/frame.hpp"
@@ -44,13 +45,8 @@ struct Pi3hatOutcome {
 };
 
 // Contract: RT as far as the hardware is: busy, bounded, no allocation once its lists have grown · one thread
-class Pi3hatPort {
+class Pi3hatPort : public Interface {
  public:
-  Pi3hatPort() = default;
-  Pi3hatPort(const Pi3hatPort&) = delete;
-  Pi3hatPort& operator=(const Pi3hatPort&) = delete;
-  virtual ~Pi3hatPort() = default;
-
   // Sends all frames, waits for the answers, reads at most received.size() frames, the oldest first. Frames that do not
   // fit stay in the board; without room nothing is read.
   virtual Pi3hatOutcome cycle(const Pi3hatOrder& order, std::span<Pi3hatFrame> received, Pi3hatAttitude& attitude)

@@ -5,31 +5,30 @@
 #include <linux/serial.h>
 #include <sys/file.h>
 #include <sys/ioctl.h>
+#include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <termios.h>
 #include <unistd.h>
 
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
+#include <fstream>
+
+#include "spine/core/text.hpp"
 
 namespace lithe::hal {
 namespace {
 
 std::string advice(int error) {
-  switch (error) {
-    case ENOENT:
-    case ENXIO:
-    case ENODEV:
-      return "no such device; plug the adapter in, or give another path (ls -l /dev/serial/by-id)";
-    case EACCES:
-    case EPERM:
-      return "not allowed; add yourself to the device's group (sudo usermod -aG dialout $USER, then log in again)";
-    case EBUSY:
-    case EWOULDBLOCK:
-      return "another program uses it; a robot that runs: lithe stop; any other: end it (fuser -v names it)";
-    default:
-      return std::string(std::strerror(error)) + "; unplug the adapter and plug it in again";
-  }
+  if (error == ENOENT || error == ENXIO || error == ENODEV)
+    return "no such device; plug the adapter in, or give another path (ls -l /dev/serial/by-id)";
+  if (error == EACCES || error == EPERM)
+    return "not allowed; add yourself to the device's group (sudo usermod -aG dialout $USER, then log in again)";
+  if (error == EBUSY || error == EWOULDBLOCK)
+    return "another program uses it; a robot that runs: lithe stop; any other: end it (fuser -v names it)";
+  return std::string(std::strerror(error)) + "; unplug the adapter and plug it in again";
 }
 
 struct Speed {
@@ -80,7 +79,37 @@ void ask_for_low_latency(int fd) {
   ioctl(fd, TIOCSSERIAL, &serial);
 }
 
+namespace fs = std::filesystem;
+
+// The first line; empty when there is none.
+std::string line_of(const fs::path& file) {
+  std::ifstream in(file);
+  std::string line;
+  std::getline(in, line);
+  return printable(line);  // the adapter's text may have any bytes
+}
+
 }  // namespace
+
+SerialIdentity identify(int fd, const std::string& sys) {
+  struct stat node{};
+  if (fstat(fd, &node) != 0) return {};
+  const std::string number = std::to_string(major(node.st_rdev)) + ":" + std::to_string(minor(node.st_rdev));
+  std::error_code none;
+  const fs::path device = fs::canonical(sys + "/dev/char/" + number + "/device", none);
+  if (none) return {};
+  constexpr int kLevels = 4;  // port, interface, device
+  fs::path at = device;
+  for (int i = 0; i < kLevels; ++i, at = at.parent_path()) {
+    const std::string vendor = line_of(at / "idVendor");
+    if (vendor.empty()) continue;
+    const std::string usb = vendor + ":" + line_of(at / "idProduct");
+    const std::string serial = line_of(at / "serial");
+    return {usb + (serial.empty() ? " in socket " + at.filename().string() : " " + serial),
+            usb == "0483:5740" || usb == "1209:2323"};
+  }
+  return {device.string(), false};
+}
 
 Result<> SerialPort::open() {
   close();

@@ -8,10 +8,21 @@
 
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
-#include "spine/hal/bus/serial/serial_identity.hpp"
 #include "spine/hal/core/descriptor.hpp"
 
 namespace lithe::hal {
+
+// Identity of the hardware behind a serial device: after replugging, the same path may lead to another one.
+struct SerialIdentity {
+  // Unique name. On USB: vendor, product, and serial number or port; otherwise its location. Empty: unknown (pseudo
+  // terminal).
+  std::string who;
+  bool fdcanusb = false;  // by the USB ids of mjbots' adapters
+};
+
+// Of an open device, from the kernel's information below `sys`. Empty = no information.
+// Contract: never in the tick
+SerialIdentity identify(int fd, const std::string& sys = "/sys");
 
 inline constexpr std::uint32_t kUsualBaud = 921'600;
 

@@ -16,12 +16,9 @@ namespace lithe::hal::sim {
 
 // Contract: never in the tick · one thread · time is an argument · nodes are attached before the first byte and outlive
 // it
-class SimAdapter {
+class SimAdapter : public Interface {
  public:
   explicit SimAdapter(std::size_t longest_line) : longest_line_(longest_line) {}
-  SimAdapter(const SimAdapter&) = delete;
-  SimAdapter& operator=(const SimAdapter&) = delete;
-  virtual ~SimAdapter() = default;
 
   void attach(BusNode& node) { nodes_.push_back(&node); }
 

@@ -15,9 +15,7 @@ constexpr const char* kBusOffAdvice =
 
 }  // namespace
 
-Result<> TextBus::open() { return connect(); }
-
-Result<> TextBus::connect() {
+Result<> TextBus::open() {
   if (const Result<> opened = port_.open(); !opened) return opened.error();
   const std::string words = greeting();
   if (words.empty()) return done();
@@ -42,12 +40,9 @@ void TextBus::add(std::string_view line) LITHE_RT {
 
 void TextBus::service() {
   if (link_.lost() == 0) return;
-  if (const Result<> opened = connect(); !opened) {
-    not_reopened_ = opened.message();
-    return;
-  }
-  not_reopened_.clear();
-  link_.give_back();
+  const Result<> opened = open();
+  not_reopened_ = opened ? "" : opened.message();
+  if (opened) link_.give_back();
 }
 
 std::string TextBus::why_down() const {
@@ -142,29 +137,12 @@ bool TextBus::take(char c, Frame& frame) LITHE_RT {
   const Said said = too_long_ ? Said::malformed : parse({line_.data(), line_size_}, frame);
   too_long_ = false;
   line_size_ = 0;
-  switch (said) {
-    case Said::frame:
-      return true;
-    case Said::acknowledged:
-      ++acknowledged_;
-      break;
-    case Said::refused:
-      ++statistics_.errors;
-      break;
-    case Said::bus_off:
-      ++statistics_.errors;
-      link_.lose(kBusOff);
-      break;
-    case Said::malformed:
-      ++statistics_.malformed;
-      break;
-    case Said::nothing:
-      ++statistics_.ignored;
-      break;
-    case Said::between_lines:
-      break;
-  }
-  return false;
+  if (said == Said::acknowledged) ++acknowledged_;
+  if (said == Said::refused || said == Said::bus_off) ++statistics_.errors;
+  if (said == Said::bus_off) link_.lose(kBusOff);
+  if (said == Said::malformed) ++statistics_.malformed;
+  if (said == Said::nothing) ++statistics_.ignored;
+  return said == Said::frame;
 }
 
 }  // namespace lithe::hal

@@ -84,7 +84,6 @@ class TextBus : public Bus {
   static constexpr std::size_t kOutbound = 16384;  // about 100 of the longest commands
   static constexpr std::size_t kInbound = 4096;    // the size of a terminal's buffer
 
-  Result<> connect();
   void drop_overtaken() LITHE_RT;
   void fill() LITHE_RT;
   bool next_frame(Frame& frame) LITHE_RT;

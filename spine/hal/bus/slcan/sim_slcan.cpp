@@ -3,7 +3,7 @@
 
 #include <array>
 
-#include "spine/hal/bus/serial/hex.hpp"
+#include "spine/hal/bus/serial/words.hpp"
 
 namespace lithe::hal::sim {
 
@@ -18,16 +18,9 @@ constexpr std::int64_t kNsPerMs = 1'000'000;
 
 // An answer to a question, or nothing.
 std::string_view answer_to(Request request, bool is_open) {
-  switch (request) {
-    case Request::version:
-      return "V1013\r";
-    case Request::serial:
-      return "NLTHE\r";
-    case Request::status:
-      return is_open ? "F00\r" : "";
-    default:
-      return "";
-  }
+  if (request == Request::version) return "V1013\r";
+  if (request == Request::serial) return "NLTHE\r";
+  return request == Request::status && is_open ? "F00\r" : "";
 }
 
 }  // namespace
@@ -65,30 +58,17 @@ void SimSlcan::serve(std::string_view line, std::int64_t now_ns, std::string& ou
 
 // False: refused.
 bool SimSlcan::handle(Request request) {
-  switch (request) {
-    case Request::open:
-      return open(Channel::open);
-    case Request::listen:
-      return open(Channel::listening);
-    case Request::close:
-      if (!is_open()) return false;
-      channel_ = Channel::closed;
-      return true;
-    case Request::bitrate:
-      has_bitrate_ = has_bitrate_ || !is_open();
-      return !is_open();
-    case Request::data_bitrate:
-      fd_ = fd_ || !is_open();
-      return !is_open();
-    case Request::stamps_off:
-    case Request::stamps_on:
-      if (!is_open()) stamps_ = request == Request::stamps_on;
-      return !is_open();
-    case Request::other:
-      return true;
-    default:
-      return false;
-  }
+  if (request == Request::open) return open(Channel::open);
+  if (request == Request::listen) return open(Channel::listening);
+  if (request == Request::other) return true;
+  const bool stamps = request == Request::stamps_off || request == Request::stamps_on;
+  const bool sets = stamps || request == Request::bitrate || request == Request::data_bitrate;
+  if (is_open() ? request != Request::close : !sets) return false;
+  channel_ = Channel::closed;
+  has_bitrate_ = has_bitrate_ || request == Request::bitrate;
+  fd_ = fd_ || request == Request::data_bitrate;
+  if (stamps) stamps_ = request == Request::stamps_on;
+  return true;
 }
 
 bool SimSlcan::open(Channel channel) {

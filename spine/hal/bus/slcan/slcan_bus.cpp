@@ -12,8 +12,6 @@ SlcanBus::SlcanBus(const SlcanParams& params, std::string greeting)
       greeting_(std::move(greeting)),
       fd_(params.data_bitrate > 0) {}
 
-SlcanBus::~SlcanBus() { say("C\r"); }
-
 Result<std::unique_ptr<SlcanBus>> SlcanBus::open(const SlcanParams& params) {
   const char rate = slcan::bitrate_digit(params.bitrate);
   const char data_rate = slcan::data_bitrate_digit(params.data_bitrate);
@@ -39,23 +37,10 @@ std::size_t SlcanBus::format(const Frame& frame, std::span<char> out) LITHE_RT {
 }
 
 TextBus::Said SlcanBus::parse(std::string_view line, Frame& frame) LITHE_RT {
-  switch (slcan::parse_answer(line, frame)) {
-    case slcan::Answer::frame:
-      return Said::frame;
-    case slcan::Answer::done:
-    case slcan::Answer::sent:
-      return Said::acknowledged;
-    case slcan::Answer::refused:
-    case slcan::Answer::error:
-      return Said::refused;
-    case slcan::Answer::bus_off:
-      return Said::bus_off;
-    case slcan::Answer::other:
-      return Said::nothing;
-    case slcan::Answer::malformed:
-      break;
-  }
-  return Said::malformed;
+  // By slcan::Answer: frame, done, sent, refused, error, bus_off, other, malformed.
+  constexpr Said kSaid[] = {Said::frame,   Said::acknowledged, Said::acknowledged, Said::refused,
+                            Said::refused, Said::bus_off,      Said::nothing,      Said::malformed};
+  return kSaid[static_cast<std::size_t>(slcan::parse_answer(line, frame))];
 }
 
 }  // namespace lithe::hal

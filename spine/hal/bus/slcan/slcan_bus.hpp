@@ -26,7 +26,8 @@ class SlcanBus final : public TextBus {
  public:
   // Sets the adapter's bit rates and opens its channel. The error names the next step.
   static Result<std::unique_ptr<SlcanBus>> open(const SlcanParams& params);
-  ~SlcanBus() override;  // closes the channel, so that the adapter does not fill a buffer that is not read
+  // Closes the channel, so that the adapter does not fill a buffer that is not read.
+  ~SlcanBus() override { say("C\r"); }
 
  protected:
   std::size_t format(const Frame& frame, std::span<char> out) LITHE_RT override;

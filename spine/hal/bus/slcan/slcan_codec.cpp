@@ -2,8 +2,9 @@
 #include "spine/hal/bus/slcan/slcan_codec.hpp"
 
 #include <array>
+#include <utility>
 
-#include "spine/hal/bus/serial/hex.hpp"
+#include "spine/hal/bus/serial/words.hpp"
 
 namespace lithe::hal::slcan {
 namespace {
@@ -85,7 +86,10 @@ bool is_remote_frame(std::string_view line, bool may_be_stamped) LITHE_RT {
   return take_head(line, unused) && is_end(line, may_be_stamped);
 }
 
-constexpr Request either(bool sound, Request request) LITHE_RT { return sound ? request : Request::malformed; }
+template <class Word>  // Request or Answer
+constexpr Word either(bool sound, Word word) LITHE_RT {
+  return sound ? word : Word::malformed;
+}
 
 // State of the adapter's controller: active, warning, passive or bus-off, and its error counts.
 Answer parse_state(std::string_view line) LITHE_RT {
@@ -99,44 +103,21 @@ Request parse_setting(char letter, std::string_view text) LITHE_RT {
   std::uint32_t value = 0;
   if (!hex_number(text, value)) return Request::malformed;
   const bool one_digit = text.size() == 1;
-  switch (letter) {
-    case 'S':
-      return either(one_digit && value <= 8, Request::bitrate);
-    case 's':
-      return either(text.size() == 4, Request::bitrate);
-    case 'Y':
-      return either(one_digit && (value == 2 || value == 5), Request::data_bitrate);
-    case 'Z':
-      return either(one_digit && value <= 1, value == 1 ? Request::stamps_on : Request::stamps_off);
-    case 'A':
-    case 'X':
-    case 'Q':
-      return either(one_digit && value <= 2, Request::other);
-    case 'm':
-    case 'M':
-      return either((one_digit && value <= 1) || text.size() == 8, Request::other);
-    default:
-      return Request::malformed;
-  }
+  if (letter == 'S') return either(one_digit && value <= 8, Request::bitrate);
+  if (letter == 's') return either(text.size() == 4, Request::bitrate);
+  if (letter == 'Y') return either(one_digit && (value == 2 || value == 5), Request::data_bitrate);
+  if (letter == 'Z') return either(one_digit && value <= 1, value == 1 ? Request::stamps_on : Request::stamps_off);
+  if (is_one_of(letter, "AXQ")) return either(one_digit && value <= 2, Request::other);
+  return either(is_one_of(letter, "mM") && ((one_digit && value <= 1) || text.size() == 8), Request::other);
 }
 
 Request parse_letter(char letter) LITHE_RT {
-  switch (letter) {
-    case 'O':
-      return Request::open;
-    case 'L':
-      return Request::listen;
-    case 'C':
-      return Request::close;
-    case 'V':
-      return Request::version;
-    case 'N':
-      return Request::serial;
-    case 'F':
-      return Request::status;
-    default:
-      return Request::malformed;
-  }
+  constexpr std::pair<char, Request> kLetters[] = {{'O', Request::open},   {'L', Request::listen},
+                                                   {'C', Request::close},  {'V', Request::version},
+                                                   {'N', Request::serial}, {'F', Request::status}};
+  for (const auto& [each, request] : kLetters)
+    if (each == letter) return request;
+  return Request::malformed;
 }
 
 }  // namespace
@@ -165,32 +146,13 @@ Answer parse_answer(std::string_view line, Frame& frame) LITHE_RT {
   if (!line.ends_with(kDone)) return Answer::malformed;
   line.remove_suffix(1);
   if (line.empty()) return Answer::done;
-  switch (line.front()) {
-    case 't':
-    case 'T':
-    case 'd':
-    case 'D':
-    case 'b':
-    case 'B':
-      return parse_data_frame(line, true, frame) ? Answer::frame : Answer::malformed;
-    case 'r':
-    case 'R':
-      return is_remote_frame(line, true) ? Answer::other : Answer::malformed;
-    case 'z':
-    case 'Z':
-      return line.size() == 1 ? Answer::sent : Answer::malformed;
-    case 's':
-      return parse_state(line);
-    case 'e':
-      return Answer::error;
-    case 'V':
-    case 'v':
-    case 'N':
-    case 'F':
-      return Answer::other;
-    default:
-      return Answer::malformed;
-  }
+  const char letter = line.front();
+  if (is_one_of(letter, "tTdDbB")) return either(parse_data_frame(line, true, frame), Answer::frame);
+  if (is_one_of(letter, "rR")) return either(is_remote_frame(line, true), Answer::other);
+  if (is_one_of(letter, "zZ")) return either(line.size() == 1, Answer::sent);
+  if (letter == 's') return parse_state(line);
+  if (letter == 'e') return Answer::error;
+  return either(is_one_of(letter, "VvNF"), Answer::other);
 }
 
 char bitrate_digit(std::uint32_t bitrate) LITHE_RT { return digit_of(kSpeeds, bitrate); }
@@ -198,9 +160,8 @@ char data_bitrate_digit(std::uint32_t bitrate) LITHE_RT { return digit_of(kDataS
 
 Request parse_request(std::string_view line, Frame& frame) LITHE_RT {
   if (line.empty()) return Request::malformed;
-  if (is_one_of(line.front(), "tTdDbB"))
-    return parse_data_frame(line, false, frame) ? Request::send : Request::malformed;
-  if (is_one_of(line.front(), "rR")) return is_remote_frame(line, false) ? Request::remote : Request::malformed;
+  if (is_one_of(line.front(), "tTdDbB")) return either(parse_data_frame(line, false, frame), Request::send);
+  if (is_one_of(line.front(), "rR")) return either(is_remote_frame(line, false), Request::remote);
   const char letter = take(line, 1).front();
   return line.empty() ? parse_letter(letter) : parse_setting(letter, line);
 }

@@ -75,26 +75,19 @@ bool SocketCanBus::receive(Frame& frame) LITHE_RT {
     if (moved.error != 0) link_.lose(moved.error);
     if (moved.bytes == 0) return false;
     const socketcan::ErrorCounts before = error_counts_;
-    switch (socketcan::decode(std::span(bytes).first(moved.bytes), frame, error_counts_)) {
-      case socketcan::Kind::frame:
-        ++statistics_.received;
-        return true;
-      case socketcan::Kind::error:
-        ++statistics_.errors;
-        note_state(before);
-        break;
-      case socketcan::Kind::malformed:
-        ++statistics_.malformed;
-        break;
-      case socketcan::Kind::remote:
-        ++statistics_.ignored;
-        break;
-    }
+    const socketcan::Kind kind = socketcan::decode(std::span(bytes).first(moved.bytes), frame, error_counts_);
+    if (kind == socketcan::Kind::error) note_state(before);
+    if (kind == socketcan::Kind::malformed) ++statistics_.malformed;
+    if (kind == socketcan::Kind::remote) ++statistics_.ignored;
+    if (kind != socketcan::Kind::frame) continue;
+    ++statistics_.received;
+    return true;
   }
   return false;
 }
 
 void SocketCanBus::note_state(const socketcan::ErrorCounts& before) LITHE_RT {
+  ++statistics_.errors;
   if (error_counts_.bus_off != before.bus_off) bus_off_.store(true, std::memory_order_relaxed);
   if (error_counts_.restarted != before.restarted) bus_off_.store(false, std::memory_order_relaxed);
 }
@@ -107,12 +100,9 @@ void SocketCanBus::service() {
   overrun_before_ += socket_.dropped();
   socket_.close();
   Result<Descriptor> socket = opener_();
-  if (!socket) {
-    not_reopened_ = socket.message();
-    return;
-  }
+  not_reopened_ = socket ? "" : socket.message();
+  if (!socket) return;
   socket_ = std::move(*socket);
-  not_reopened_.clear();
   link_.give_back();
 }
 

@@ -10,7 +10,7 @@
 
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
-#include "spine/hal/sim/nodes.hpp"
+#include "spine/hal/sim/simulate.hpp"
 
 namespace lithe::hal {
 

@@ -14,7 +14,6 @@
 #include "spine/hal/bus/test/pi3hat_rig.hpp"
 #include "spine/hal/open_bus.hpp"
 #include "spine/hal/robot_hardware.hpp"
-#include "spine/hal/sim/nodes.hpp"
 #include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
 #include "spine/wire/wire.hpp"

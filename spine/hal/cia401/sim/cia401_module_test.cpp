@@ -140,7 +140,7 @@ TEST_F(Cia401Module, AnotherProfileIsRefusedAndNamed) {
   cycle(200, [](Frame& frame) {
     const bool type = canopen::function_of(frame) == canopen::cob::kSdoAnswer &&
                       canopen::sdo_address(frame) == canopen::Address{0x1000, 0};
-    if (type) canopen::put(frame.data.data() + 4, 0x0002'0192, 4);
+    if (type) put_little_endian(frame.data.data() + 4, 0x0002'0192, 4);
     return true;
   });
   EXPECT_FALSE(module_.running());

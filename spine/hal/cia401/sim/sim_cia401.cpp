@@ -18,8 +18,6 @@ namespace object = cia401::object;
 namespace {
 
 constexpr std::uint32_t kDeviceType = 0x0005'0000 | cia401::kDeviceProfile;  // digital and analog inputs
-constexpr bool kReadOnly = false;
-constexpr bool kWritable = true;
 constexpr double kAmplitude = 1000;
 constexpr std::uint8_t kEventTimerMs = 5;
 
@@ -75,22 +73,13 @@ void SimCia401::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& an
 
 void SimCia401::handle(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   if (frame.size != 2 || (frame.data[1] != 0 && frame.data[1] != node_)) return;
-  switch (static_cast<canopen::NmtCommand>(frame.data[0])) {
-    case canopen::NmtCommand::start:
-      state_ = NmtState::operational;
-      sent_ns_.fill(now_ns);
-      break;
-    case canopen::NmtCommand::stop:
-      state_ = NmtState::stopped;
-      break;
-    case canopen::NmtCommand::enter_pre_operational:
-      state_ = NmtState::pre_operational;
-      break;
-    case canopen::NmtCommand::reset_node:
-    case canopen::NmtCommand::reset_communication:
-      restart(now_ns + kBootNs);
-      break;
-  }
+  using enum canopen::NmtCommand;
+  const auto command = static_cast<canopen::NmtCommand>(frame.data[0]);
+  if (command == start) state_ = NmtState::operational;
+  if (command == start) sent_ns_.fill(now_ns);
+  if (command == stop) state_ = NmtState::stopped;
+  if (command == enter_pre_operational) state_ = NmtState::pre_operational;
+  if (command == reset_node || command == reset_communication) restart(now_ns + kBootNs);
 }
 
 // A mapping is changed only while its PDO is off, and names only objects that are there.
@@ -139,7 +128,7 @@ void SimCia401::send_inputs(std::size_t pdo, std::int64_t now_ns, FrameQueue& an
     const std::size_t bytes = (entry & 0xff) / 8;
     if (address.index == object::kAnalogInputs && objects_.value(object::kAnalogInterrupt, 0) == 0) return;
     if (frame.size + bytes > 8) break;
-    canopen::put(frame.data.data() + frame.size, input(address, now_ns), bytes);
+    put_little_endian(frame.data.data() + frame.size, input(address, now_ns), bytes);
     frame.size = static_cast<std::uint8_t>(frame.size + bytes);
   }
   if (other_map_ && frame.size > 0) --frame.size;

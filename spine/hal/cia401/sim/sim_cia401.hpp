@@ -11,7 +11,7 @@
 #include "spine/hal/canopen/canopen.hpp"
 #include "spine/hal/canopen/sim_objects.hpp"
 #include "spine/hal/cia401/cia401.hpp"
-#include "spine/hal/physics/sim_place.hpp"
+#include "spine/hal/physics/coupled_drive.hpp"
 
 namespace lithe::hal::sim {
 

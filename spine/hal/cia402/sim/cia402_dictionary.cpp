@@ -16,8 +16,6 @@ namespace object = cia402::object;
 
 namespace {
 
-constexpr bool kReadOnly = false;
-constexpr bool kWritable = true;
 constexpr std::uint32_t kPdos = 4;  // of each direction
 
 }  // namespace
@@ -134,16 +132,9 @@ void Cia402Dictionary::add_motion() {
 
 std::string_view Cia402Dictionary::text(Address address) LITHE_RT {
   if (address.subindex != 0) return {};
-  switch (address.index) {
-    case common::kDeviceName:
-      return "LITHE simulated CiA 402 drive";
-    case common::kDeviceName + 1:
-      return "hardware 1";
-    case common::kDeviceName + 2:
-      return "software 1";
-    default:
-      return {};
-  }
+  if (address.index == common::kDeviceName) return "LITHE simulated CiA 402 drive";
+  if (address.index == common::kDeviceName + 1) return "hardware 1";
+  return address.index == common::kDeviceName + 2 ? "software 1" : "";
 }
 
 }  // namespace lithe::hal::sim

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The loops of a simulated drive; cia402_servo_states.cpp has its state machine.
 #include "spine/hal/cia402/sim/cia402_servo.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include "spine/core/time.hpp"
 #include "spine/hal/canopen/canopen.hpp"
 
 namespace lithe::hal::sim {
@@ -16,7 +16,6 @@ namespace status_bit = cia402::status_bit;
 
 namespace {
 
-constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
 // A ramp has ended after this time below this velocity. One encoder count already appears as a velocity.
 constexpr double kStandsRevPerS = 0.01;
 constexpr double kStandsCountsPerS = 1000;
@@ -119,14 +118,14 @@ double Cia402Servo::motor_torque() LITHE_RT {
       return limited(target_nm_.next(inputs_.target_torque * params_.rated_torque_nm / kThousandths + offset_nm));
     case Mode::velocity:
       demand_rev_s_ = (static_cast<double>(inputs_.target_velocity) + inputs_.velocity_offset) / params_.counts_per_rev;
-      demand_rev_ += demand_rev_s_ * kStepS;
+      demand_rev_ += demand_rev_s_ * Plant::kStepS;
       return limited(towards_demand() + offset_nm);
     case Mode::position: {
       const std::int64_t left_ns = std::max(goal_ns_ - time_ns_, Plant::kStepNs);
       const double moved_rev =
           (goal_rev_ - demand_rev_) * static_cast<double>(Plant::kStepNs) / static_cast<double>(left_ns);
       demand_rev_ += moved_rev;
-      demand_rev_s_ = moved_rev / kStepS + inputs_.velocity_offset / params_.counts_per_rev;
+      demand_rev_s_ = moved_rev / Plant::kStepS + inputs_.velocity_offset / params_.counts_per_rev;
       const double torque_nm = limited(towards_demand() + offset_nm);
       watch_following();
       return torque_nm;
@@ -158,9 +157,9 @@ double Cia402Servo::limited(double torque_nm) LITHE_RT {
 // Quick stop and fault reaction: the demand ramps down; when it and the joint have stopped, power is switched off.
 void Cia402Servo::ramp() LITHE_RT {
   constexpr std::int32_t kStaysFrom = 5;  // options of 605Ah that end in `quick stop active`
-  const double change = inputs_.deceleration / params_.counts_per_rev * kStepS;
+  const double change = inputs_.deceleration / params_.counts_per_rev * Plant::kStepS;
   demand_rev_s_ = std::copysign(std::max(std::abs(demand_rev_s_) - change, 0.0), demand_rev_s_);
-  demand_rev_ += demand_rev_s_ * kStepS;
+  demand_rev_ += demand_rev_s_ * Plant::kStepS;
   const double stands_rev_s = std::max(kStandsRevPerS, kStandsCountsPerS / params_.counts_per_rev);
   if (demand_rev_s_ != 0 || std::abs(velocity_rev_s_) > stands_rev_s) stands_from_ns_ = time_ns_;
   if (time_ns_ - stands_from_ns_ < kStandsNs) return;
@@ -170,7 +169,6 @@ void Cia402Servo::ramp() LITHE_RT {
 
 void Cia402Servo::watch_following() LITHE_RT {
   constexpr std::uint32_t kNoWindow = 0xffff'ffff;
-  constexpr std::int64_t kNsPerMs = 1'000'000;
   const double error_counts = std::abs(demand_rev_ - encoder_rev_) * params_.counts_per_rev;
   const bool behind = inputs_.following_window != kNoWindow && error_counts > inputs_.following_window;
   if (!behind) {
@@ -209,6 +207,89 @@ std::int32_t Cia402Servo::torque() const LITHE_RT {
 
 std::int32_t Cia402Servo::following_error() const LITHE_RT {
   return whole((demand_rev_ - encoder_rev_) * params_.counts_per_rev);
+}
+
+// State machine: on, off, and fault reactions.
+
+void Cia402Servo::control(std::uint16_t word) LITHE_RT {
+  const bool reset = (word & ~last_word_ & cia402::control::kFaultReset) != 0;
+  last_word_ = word;
+  if (state_ == State::fault) {
+    const bool cause_stays = std::any_of(causes_.begin(), causes_.end(), [](std::uint16_t code) { return code != 0; });
+    if (!reset || cause_stays) return;
+    set_error(canopen::emergency::kGone);
+    enter(State::switch_on_disabled);
+    return;
+  }
+  if (state_ != State::fault_reaction_active && state_ != State::not_ready) handle(word);
+}
+
+// The transitions of the profile, by the lowest four bits of the word.
+void Cia402Servo::handle(std::uint16_t word) LITHE_RT {
+  const bool enabled = state_ == State::operation_enabled;
+  const bool stopping = state_ == State::quick_stop_active;
+  if ((word & 0x02) == 0 || torque_off_) return enter(State::switch_on_disabled);
+  if ((word & 0x04) == 0) {  // quick stop
+    if (stopping) return;
+    if (!enabled || inputs_.quick_stop_option == 0) return enter(State::switch_on_disabled);
+    enter(State::quick_stop_active);
+    return begin_ramp();
+  }
+  if (stopping) {
+    const bool may_go_on = inputs_.quick_stop_option >= 5 && (word & 0x0f) == cia402::control::kEnable;
+    return may_go_on ? enter(State::operation_enabled) : void();
+  }
+  if ((word & 0x01) == 0) return enter(State::ready_to_switch_on);
+  if (state_ == State::switch_on_disabled) return;
+  if (state_ == State::ready_to_switch_on || (word & 0x08) == 0) return enter(State::switched_on);
+  if (!enabled && cia402::is_cyclic(inputs_.mode)) enable();
+}
+
+// The control word is repeated until the state is reached.
+void Cia402Servo::enable() LITHE_RT {
+  if (enabling_from_ns_ == kNever) enabling_from_ns_ = time_ns_;
+  if (time_ns_ - enabling_from_ns_ >= params_.enable_ns) enter(State::operation_enabled);
+}
+
+void Cia402Servo::set_torque_off(bool off) LITHE_RT {
+  torque_off_ = off;
+  if (off && state_ != State::fault) enter(State::switch_on_disabled);
+}
+
+void Cia402Servo::stop_at_limit() LITHE_RT {
+  if (state_ != State::operation_enabled) return;
+  enter(State::quick_stop_active);
+  begin_ramp();
+}
+
+void Cia402Servo::fail(std::uint16_t code, bool stays) LITHE_RT {
+  const auto known = std::find(causes_.begin(), causes_.end(), code);
+  const auto free = std::find(causes_.begin(), causes_.end(), std::uint16_t{0});
+  if (stays && known == causes_.end() && free != causes_.end()) *free = code;
+  if (state_ == State::fault || state_ == State::fault_reaction_active) return;
+  set_error(code);
+  const bool ramp = powered() && inputs_.fault_reaction_option != 0;
+  enter(ramp ? State::fault_reaction_active : State::fault);
+  begin_ramp();
+}
+
+void Cia402Servo::cause_gone(std::uint16_t code) LITHE_RT {
+  for (std::uint16_t& cause : causes_)
+    if (code == 0 || cause == code) cause = 0;
+}
+
+void Cia402Servo::find_causes() LITHE_RT {
+  for (const std::uint16_t cause : causes_)
+    if (cause != 0) return fail(cause, true);
+}
+
+void Cia402Servo::connection_lost(std::int32_t option, std::uint16_t code) LITHE_RT {
+  constexpr std::int32_t kFault = 1;
+  constexpr std::int32_t kDisable = 2;
+  constexpr std::int32_t kQuickStop = 3;
+  if (option == kFault) return fail(code, false);
+  if (option == kDisable && state_ != State::fault) handle(cia402::control::kDisableVoltage);
+  if (option == kQuickStop && state_ == State::operation_enabled) handle(cia402::control::kQuickStop);
 }
 
 }  // namespace lithe::hal::sim

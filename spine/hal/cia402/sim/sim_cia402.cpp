@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "spine/core/time.hpp"
 #include "spine/hal/cia402/cia402.hpp"
 
 namespace lithe::hal::sim {
@@ -18,7 +19,6 @@ namespace object = cia402::object;
 namespace {
 
 constexpr double kMilli = 1000;
-constexpr std::int64_t kNsPerMs = 1'000'000;
 
 Cia402Identity identity_of(const SimCia402Params& params) {
   return {params.id, params.device_type, static_cast<std::uint32_t>(kMilli * params.servo.rated_torque_nm + 0.5),
@@ -80,6 +80,11 @@ void SimCia402::inject(std::uint16_t code) LITHE_RT {
   servo_.fail(code, true);
 }
 
+bool SimCia402::cause(std::uint16_t code, bool begins) LITHE_RT {
+  begins ? servo_.fail(code, true) : servo_.cause_gone(code);
+  return true;
+}
+
 bool SimCia402::inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT {
   constexpr std::int64_t kOutageNs = 100'000'000;
   switch (injected) {
@@ -89,14 +94,11 @@ bool SimCia402::inject(InjectedFault injected, bool begins, std::int64_t now_ns)
       boot_end_ns_ = now_ns + kOutageNs + params_.boot_ns;
       return true;
     case InjectedFault::over_temperature:
-      begins ? servo_.fail(emergency::kTooHot, true) : servo_.cause_gone(emergency::kTooHot);
-      return true;
+      return cause(emergency::kTooHot, begins);
     case InjectedFault::encoder_lost:
-      begins ? servo_.fail(emergency::kSensor, true) : servo_.cause_gone(emergency::kSensor);
-      return true;
+      return cause(emergency::kSensor, begins);
     case InjectedFault::device_fault:
-      begins ? servo_.fail(emergency::kOverCurrent, true) : servo_.cause_gone(emergency::kOverCurrent);
-      return true;
+      return cause(emergency::kOverCurrent, begins);
     case InjectedFault::watchdog_trip:
       host_silent_ = begins;
       return true;
@@ -198,26 +200,22 @@ void SimCia402::on_nmt(const Frame& frame) LITHE_RT {
     return;
   }
   if (frame.data[1] != 0 && frame.data[1] != params_.id) return;
-  switch (static_cast<NmtCommand>(frame.data[0])) {
-    case NmtCommand::start:
-      network_state_ = NmtState::operational;
-      syncs_ = 0;
-      for (SimPdo& pdo : transmit_) pdo.never_told = true;
-      return;
-    case NmtCommand::stop:
-      if (network_state_ == NmtState::operational)
-        servo_.connection_lost(dictionary_.signed_value(object::kAbortConnection), emergency::kHeartbeatLost);
-      network_state_ = NmtState::stopped;
-      return;
-    case NmtCommand::enter_pre_operational:
-      network_state_ = NmtState::pre_operational;
-      return;
-    case NmtCommand::reset_node:
-      return reset(true);
-    case NmtCommand::reset_communication:
-      return reset(false);
+  const auto command = static_cast<NmtCommand>(frame.data[0]);
+  if (command == NmtCommand::start) {
+    network_state_ = NmtState::operational;
+    syncs_ = 0;
+    for (SimPdo& pdo : transmit_) pdo.never_told = true;
+  } else if (command == NmtCommand::stop) {
+    if (network_state_ == NmtState::operational)
+      servo_.connection_lost(dictionary_.signed_value(object::kAbortConnection), emergency::kHeartbeatLost);
+    network_state_ = NmtState::stopped;
+  } else if (command == NmtCommand::enter_pre_operational) {
+    network_state_ = NmtState::pre_operational;
+  } else if (command == NmtCommand::reset_node || command == NmtCommand::reset_communication) {
+    reset(command == NmtCommand::reset_node);
+  } else {
+    ++refused_;
   }
-  ++refused_;
 }
 
 void SimCia402::hear_heartbeat(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT {

@@ -15,7 +15,7 @@
 #include "spine/hal/cia402/sim/cia402_dictionary.hpp"
 #include "spine/hal/cia402/sim/cia402_servo.hpp"
 #include "spine/hal/core/frame.hpp"
-#include "spine/hal/physics/sim_place.hpp"
+#include "spine/hal/physics/coupled_drive.hpp"
 
 namespace lithe::hal::sim {
 
@@ -85,6 +85,7 @@ class SimCia402 final : public BusNode, private SdoServer {
  private:
   static constexpr std::size_t kPdos = 4;
 
+  bool cause(std::uint16_t code, bool begins) LITHE_RT;
   void live(std::int64_t now_ns, FrameQueue& answers) LITHE_RT;
   void reset(bool all) LITHE_RT;
   void boot(FrameQueue& answers) LITHE_RT;

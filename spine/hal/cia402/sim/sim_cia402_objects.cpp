@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "spine/core/time.hpp"
 #include "spine/hal/cia402/sim/sim_cia402.hpp"
 
 namespace lithe::hal::sim {
@@ -92,7 +93,6 @@ std::uint32_t SimCia402::check_mapping(Address count, std::uint32_t value) const
 }
 
 void SimCia402::written(Address address) LITHE_RT {
-  constexpr std::int64_t kNsPerMs = 1'000'000;
   if (is_mapping(address.index) || is_communication(address.index)) return rebuild_pdos();
   if (address.index == common::kProducerHeartbeatMs) {
     producer_.set_period(dictionary_.value(address.index) * kNsPerMs);

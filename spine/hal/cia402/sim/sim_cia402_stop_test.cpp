@@ -36,7 +36,7 @@ TEST_F(Drive402, AFaultSlowsDownStaysAndIsResetByARisingEdgeOnly) {
   const std::vector<Frame> news = wait(1);
   ASSERT_FALSE(news.empty());
   EXPECT_EQ(news[0].id, 0x085U);
-  EXPECT_EQ(canopen::get(news[0].data.data(), 2), 0x3210U);
+  EXPECT_EQ(little_endian(news[0].data.data(), 2), 0x3210U);
   EXPECT_EQ(state(), State::fault_reaction_active);
   wait(500);
   EXPECT_EQ(state(), State::fault);
@@ -53,19 +53,19 @@ TEST_F(Drive402, AFaultSlowsDownStaysAndIsResetByARisingEdgeOnly) {
   const std::vector<Frame> reset = send(canopen::sdo_write_request(5, {0x6040, 0}, 0x80, 2));
   EXPECT_EQ(state(), State::switch_on_disabled);
   ASSERT_EQ(reset.size(), 2U);
-  EXPECT_EQ(canopen::get(reset[1].data.data(), 2), 0U);  // the emergency that takes the error back
+  EXPECT_EQ(little_endian(reset[1].data.data(), 2), 0U);  // the emergency that takes the error back
   EXPECT_EQ(read(0x603f), 0U);
 }
 
 TEST_F(Drive402, AnInjectedFaultIsReportedByItsCode) {
   EXPECT_TRUE(drive_.inject(InjectedFault::over_temperature, true, now_ns_));
-  EXPECT_EQ(canopen::get(wait(1).at(0).data.data(), 2), 0x4210U);
+  EXPECT_EQ(little_endian(wait(1).at(0).data.data(), 2), 0x4210U);
   drive_.inject(InjectedFault::over_temperature, false, now_ns_);
   control(0x80);
   EXPECT_EQ(state(), State::switch_on_disabled);
   said();
   EXPECT_TRUE(drive_.inject(InjectedFault::encoder_lost, true, now_ns_));
-  EXPECT_EQ(canopen::get(wait(1).at(0).data.data(), 2), 0x7300U);
+  EXPECT_EQ(little_endian(wait(1).at(0).data.data(), 2), 0x7300U);
   EXPECT_TRUE(drive_.inject(InjectedFault::power_loss, true, now_ns_));
   EXPECT_TRUE(wait(90).empty());
   EXPECT_EQ(wait(20).at(0).id, 0x705U);
@@ -132,7 +132,7 @@ TEST_F(Drive402, ALostHeartbeatDoesWhatItsOptionSays) {
     int emergencies = 0;
     for (const Frame& frame : wait(500)) {
       if (frame.id != 0x085) continue;
-      EXPECT_EQ(canopen::get(frame.data.data(), 2), 0x8130U);
+      EXPECT_EQ(little_endian(frame.data.data(), 2), 0x8130U);
       ++emergencies;
     }
     EXPECT_EQ(emergencies, 1) << option;

@@ -94,7 +94,7 @@ TEST(Drive402Quirk, OneThatKnowsNoRemoteFramesRefusesAnIdThatAllowsThem) {
     answers.clear();
     drive.on_frame(canopen::sdo_write_request(5, {index, 1}, id, 4), 6 * kMs, answers);
     const Frame* answer = answers.front();
-    return answer->data[0] == 0x80 ? canopen::get(answer->data.data() + 4, 4) : 0;
+    return answer->data[0] == 0x80 ? little_endian(answer->data.data() + 4, 4) : 0;
   };
   EXPECT_EQ(outcome(0x1801, 0x8000'0285), abort_code::kValue);
   EXPECT_EQ(outcome(0x1801, 0xc000'0285), 0U);
@@ -200,7 +200,7 @@ TEST_F(Drive402, AShortProcessDataIsReportedAndNotTaken) {
   shutdown.data[0] = 0x06;
   const std::vector<Frame> frames = send(shutdown);
   ASSERT_EQ(frames.size(), 1U);
-  EXPECT_EQ(canopen::get(frames[0].data.data(), 2), 0x8210U);
+  EXPECT_EQ(little_endian(frames[0].data.data(), 2), 0x8210U);
   EXPECT_EQ(state(), State::switch_on_disabled);
 }
 

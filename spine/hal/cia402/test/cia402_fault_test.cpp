@@ -262,7 +262,7 @@ TEST_F(Cia402Faults, WhatNoMotorDoesIsNotMeasured) {
     cables_[0]->back = [id](Frame& frame) {
       const std::size_t at = id == 0x181 ? 0 : 6;  // 2^30 counts per second; 30 times the rated torque
       const std::size_t bytes = id == 0x181 ? 4 : 2;
-      if (frame.id == id) canopen::put(frame.data.data() + at, id == 0x181 ? 0x4000'0000 : 30'000, bytes);
+      if (frame.id == id) put_little_endian(frame.data.data() + at, id == 0x181 ? 0x4000'0000 : 30'000, bytes);
       return true;
     };
     const std::uint64_t malformed = actuators_.counters().malformed;

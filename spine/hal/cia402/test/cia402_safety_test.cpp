@@ -169,12 +169,12 @@ TEST_F(Cia402Safety, OneThatRefusesWhileItDrivesIsResetAndNotForEver) {
   cables_[0]->there = [&resets](Frame& frame) {
     resets += frame.id == 0 && frame.data[0] == 0x81;
     const bool controls = frame.id == 0x601 && canopen::sdo_address(frame).index == 0x6040;
-    if (controls) canopen::put(frame.data.data() + 1, 0x2000, 2);  // no such object
+    if (controls) put_little_endian(frame.data.data() + 1, 0x2000, 2);  // no such object
     return true;
   };
   cables_[0]->back = [](Frame& frame) {
     const bool controls = frame.id == 0x581 && canopen::sdo_address(frame).index == 0x2000;
-    if (controls) canopen::put(frame.data.data() + 1, 0x6040, 2);
+    if (controls) put_little_endian(frame.data.data() + 1, 0x6040, 2);
     return true;
   };
   tell_network(canopen::NmtCommand::enter_pre_operational);

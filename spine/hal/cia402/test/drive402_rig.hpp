@@ -71,13 +71,13 @@ class Drive402 : public testing::Test {
     const std::vector<Frame> frames = send(canopen::sdo_read_request(5, {index, subindex}));
     EXPECT_EQ(outcome(frames), 0U) << std::hex << index;
     const Frame& frame = frames.front();
-    return canopen::get(frame.data.data() + 4, canopen::sdo_expedited_bytes(frame.data[0]));
+    return little_endian(frame.data.data() + 4, canopen::sdo_expedited_bytes(frame.data[0]));
   }
   static std::uint32_t outcome(const std::vector<Frame>& frames) {
     const auto answer =
         std::find_if(frames.begin(), frames.end(), [](const Frame& frame) { return frame.id == 0x585; });
     if (answer == frames.end()) return 0xffff'ffff;
-    return answer->data[0] == 0x80 ? canopen::get(answer->data.data() + 4, 4) : 0;
+    return answer->data[0] == 0x80 ? little_endian(answer->data.data() + 4, 4) : 0;
   }
   std::string read_text(std::uint16_t index) {
     const std::vector<Frame> start = send(canopen::sdo_read_request(5, {index, 0}));
@@ -89,7 +89,7 @@ class Drive402 : public testing::Test {
       text.append(segment.data.begin() + 1, segment.data.begin() + 1 + static_cast<std::ptrdiff_t>(bytes));
       last = (segment.data[0] & 1) != 0;
     }
-    EXPECT_EQ(canopen::get(start.at(0).data.data() + 4, 4), text.size());
+    EXPECT_EQ(little_endian(start.at(0).data.data() + 4, 4), text.size());
     return text;
   }
   void control(std::uint16_t word) { EXPECT_EQ(write(0x6040, 0, word, 2), 0U); }

@@ -38,14 +38,7 @@ Turn turn_of(std::uint32_t turn, bool fd) LITHE_RT {
   return {Block::imu, static_cast<std::uint8_t>(2 * (turn - 1)), 2};
 }
 
-void put(Frame& frame, std::size_t at, std::uint32_t word) LITHE_RT {
-  frame.data[at] = static_cast<std::uint8_t>(word);
-  frame.data[at + 1] = static_cast<std::uint8_t>(word >> 8);
-}
-
 }  // namespace
-
-void SimGateway::on_frame(const Frame&, std::int64_t now_ns, FrameQueue& answers) LITHE_RT { on_time(now_ns, answers); }
 
 void SimGateway::on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   if (start_ns_ == 0) start_ns_ = next_ns_ = now_ns;
@@ -89,7 +82,7 @@ void SimGateway::send(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   frame.fd = frame.brs = fd_;
   frame.data[0] = ++sequence_;
   frame.data[1] = other_map_ ? gateway::kChannels : turn.first;  // which is beyond the last one
-  put(frame, 2, static_cast<std::uint32_t>(since_ns / 100'000));
+  put_little_endian(frame.data.data() + 2, static_cast<std::uint32_t>(since_ns / 100'000), 2);
   std::size_t size = kHeader + 2 * turn.channels;
   if (turn.block == Block::digital) {
     std::uint32_t values = 0;
@@ -97,17 +90,18 @@ void SimGateway::send(std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
       const auto half_periods = static_cast<std::uint32_t>(time_s / 30 * static_cast<double>(1U << c));
       values |= (half_periods & 1) << c;
     }
-    put(frame, kHeader, values);
-    put(frame, kHeader + 2, ~unplugged_[static_cast<std::size_t>(turn.block)]);
+    put_little_endian(frame.data.data() + kHeader, values, 2);
+    put_little_endian(frame.data.data() + kHeader + 2, ~unplugged_[static_cast<std::size_t>(turn.block)], 2);
     size = kHeader + 4;
   } else {
     for (std::size_t i = 0; i < turn.channels; ++i)
-      put(frame, kHeader + 2 * i, static_cast<std::uint16_t>(word(turn.block, turn.first + i, time_s)));
+      put_little_endian(frame.data.data() + kHeader + 2 * i,
+                        static_cast<std::uint16_t>(word(turn.block, turn.first + i, time_s)), 2);
   }
   frame.size = static_cast<std::uint8_t>(fd_size(size));
   // Bytes after the last channel of an FD frame are padding.
   for (std::size_t at = size; at + 1 < frame.size; at += 2)
-    put(frame, at, static_cast<std::uint16_t>(gateway::kInvalid));
+    put_little_endian(frame.data.data() + at, static_cast<std::uint16_t>(gateway::kInvalid), 2);
   answers.push(frame);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The settings of a simulated moteus, by the names its firmware gives them: what the console reads and writes.
+// The parts of a simulated moteus that its registers and its console share: identity, settings, servo.
 #pragma once
 
 #include <array>
@@ -12,8 +12,8 @@
 
 namespace lithe::hal::sim {
 
-// A selection of the firmware's settings: those simulated here, and those that tools read. Each has a present value and
-// a stored value, which is loaded at a restart.
+// The settings by the names of the firmware, as the console reads and writes them: those simulated here, and those that
+// tools read. Each has a present value and a stored value, which is loaded at a restart.
 // Contract: RT · one thread
 class MoteusConfig {
  public:
@@ -47,6 +47,37 @@ class MoteusConfig {
   Values now_;
   Values stored_;
   Values factory_;
+};
+
+// Identity of the device.
+struct MoteusIdentity {
+  static constexpr std::uint32_t kFirmware = 0x010000;
+  static constexpr std::uint32_t kRegisterMap = 5;
+  static constexpr std::uint32_t kModel = 0;
+  std::array<std::uint32_t, 3> serial{};
+  std::array<std::uint8_t, 16> uuid{};
+
+  static MoteusIdentity of(std::uint64_t serial);
+  // Four bytes from 4 * `word` on, as in its register.
+  std::int32_t uuid_word(std::size_t word) const LITHE_RT;
+};
+
+// Contract: RT · one thread
+struct MoteusInside {
+  MoteusInside(const ServoParams& params, const JointTransform& joint, const PlantParams& plant,
+               const DriveErrors& errors, std::uint32_t id, std::uint64_t serial)
+      : identity(MoteusIdentity::of(serial)), config(params, id), servo(params, joint, plant, errors) {}
+
+  // Applies the present settings.
+  void configure() LITHE_RT {
+    ServoParams params = servo.params();
+    config.act_on(params);
+    servo.configure(params);
+  }
+
+  MoteusIdentity identity;
+  MoteusConfig config;
+  Servo servo;
 };
 
 }  // namespace lithe::hal::sim

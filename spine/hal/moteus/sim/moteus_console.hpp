@@ -9,10 +9,26 @@
 #include <string_view>
 
 #include "spine/core/rt.hpp"
-#include "spine/hal/moteus/sim/moteus_inside.hpp"
-#include "spine/hal/moteus/sim/moteus_telemetry.hpp"
+#include "spine/hal/moteus/sim/moteus_config.hpp"
 
 namespace lithe::hal::sim {
+
+// The diagnostic stream: named channels of named fields, each with a schema.
+namespace telemetry {
+inline constexpr std::size_t kChannels = 4;  // git, firmware, servo_stats, system_info
+inline constexpr std::size_t kNone = kChannels;
+inline constexpr std::size_t kLongestSchema = 1024;
+inline constexpr std::size_t kLongestData = 128;
+
+// Contract: RT · pure (all of these functions)
+std::string_view name(std::size_t channel) LITHE_RT;
+std::size_t find(std::string_view name) LITHE_RT;  // kNone for an unknown channel
+
+// Writes the channel's type as a binary mjlib telemetry schema, or one record of that type. Returns the length; 0 when
+// it does not fit (the two constants are always enough).
+std::size_t write_schema(std::size_t channel, std::span<std::uint8_t> out) LITHE_RT;
+std::size_t write_data(std::size_t channel, const MoteusInside& inside, std::span<std::uint8_t> out) LITHE_RT;
+}  // namespace telemetry
 
 //   tel  stop | list | get N | schema N | fmt N 0|1 | rate N MS | text
 //   conf list | enumerate [GROUP] | get X | set X V | write | load | default
@@ -52,7 +68,7 @@ class MoteusConsole {
   void conf_enumerate(std::string_view group, const MoteusInside& inside) LITHE_RT;
   void conf_set(std::string_view words, MoteusInside& inside) LITHE_RT;
   void drive(std::string_view words, MoteusInside& inside) LITHE_RT;
-  bool drive_to(moteus::Mode mode, std::string_view words, MoteusInside& inside) LITHE_RT;
+  void drive_to(moteus::Mode mode, std::string_view words, MoteusInside& inside) LITHE_RT;
   void set_output(std::string_view verb, std::string_view words, MoteusInside& inside) LITHE_RT;
   void emit(std::size_t channel, bool schema, const MoteusInside& inside) LITHE_RT;
   void emit_text(std::size_t channel, const MoteusInside& inside) LITHE_RT;

@@ -8,7 +8,7 @@
 #include <random>
 #include <string>
 
-#include "spine/hal/moteus/numbers.hpp"
+#include "spine/hal/bus/serial/words.hpp"
 #include "spine/hal/moteus/test/sim_rig.hpp"
 
 namespace lithe::hal::sim {

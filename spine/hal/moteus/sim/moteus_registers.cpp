@@ -36,78 +36,51 @@ constexpr std::array kCommands{&ServoCommand::position_rev,
                                &ServoCommand::fixed_current_a,
                                &ServoCommand::ignore_bounds};
 
+bool within(std::uint32_t number, std::uint32_t first, std::size_t count) LITHE_RT { return number - first < count; }
+
 // The field behind a command register; null when there is none.
 double* field(ServoCommand& c, std::uint32_t number) LITHE_RT {
   constexpr std::uint32_t kFirstShadow = 0x042;
-  if (number >= kFirstShadow && number - kFirstShadow < kShadowed.size()) number = kShadowed[number - kFirstShadow];
+  if (within(number, kFirstShadow, kShadowed.size())) number = kShadowed[number - kFirstShadow];
   if (number >= reg::kCommandPosition && number <= reg::kIgnoreBounds)
     return &(c.*kCommands[number - reg::kCommandPosition]);
-  switch (number) {
-    case reg::kCommandQCurrent:
-      return &c.q_current_a;
-    case reg::kCommandDCurrent:
-      return &c.d_current_a;
-    case reg::kLowerBound:
-      return &c.lower_bound_rev;
-    case reg::kUpperBound:
-      return &c.upper_bound_rev;
-    default:
-      return nullptr;
-  }
+  if (number == reg::kCommandQCurrent) return &c.q_current_a;
+  if (number == reg::kCommandDCurrent) return &c.d_current_a;
+  if (number == reg::kLowerBound) return &c.lower_bound_rev;
+  return number == reg::kUpperBound ? &c.upper_bound_rev : nullptr;
 }
 
-// The counter wraps at the end of its format; here the smallest integer is a count, not NaN.
+// The counter wraps at the end of its format; of 32 bits the smallest integer is a count, not NaN.
 double wrapped_ms(std::int64_t ms, Format format) LITHE_RT {
-  switch (format) {
-    case Format::int8: {
-      const auto count = static_cast<std::int8_t>(ms);
-      return count == std::numeric_limits<std::int8_t>::min() ? kNan : count;
-    }
-    case Format::int16: {
-      const auto count = static_cast<std::int16_t>(ms);
-      return count == std::numeric_limits<std::int16_t>::min() ? kNan : count;
-    }
-    case Format::int32:
-      return static_cast<std::int32_t>(ms);
-    case Format::float32:
-      break;
-  }
   constexpr std::int64_t kExactInAFloat = 1 << 23;
-  return static_cast<double>(ms % kExactInAFloat);
+  if (format == Format::float32) return static_cast<double>(ms % kExactInAFloat);
+  if (format == Format::int32) return static_cast<std::int32_t>(ms);
+  const bool byte = format == Format::int8;
+  const double count = byte ? static_cast<std::int8_t>(ms) : static_cast<std::int16_t>(ms);
+  return count == (byte ? -128 : -32768) ? kNan : count;
 }
 
 }  // namespace
 
 SimMoteus::Access SimMoteus::write_register(std::uint32_t number, double value) LITHE_RT {
   if (number == reg::kMode) return write_mode(value);
-  if (double* target = field(command_, number)) {
+  double* target = field(command_, number);
+  if (target == nullptr) target = auxiliary(number);
+  if (target != nullptr) {
     *target = value;
     return Access::done;
   }
-  if (double* target = auxiliary(number)) {
-    *target = value;
-    return Access::done;
-  }
-  if (number >= reg::kUuidMask && number < reg::kUuidMask + 4) {
+  if (within(number, reg::kUuidMask, 4)) {
     discarded_ = discarded_ || value != inside_.identity.uuid_word(number - reg::kUuidMask);
     return Access::done;
   }
-  switch (number) {
-    case reg::kSetOutputNearest:
-    case reg::kSetOutputExact:
-      inside_.servo.set_output(value, number == reg::kSetOutputExact);
-      return Access::done;
-    case reg::kRequireReindex:
-      inside_.servo.require_reindex();
-      return Access::done;
-    case reg::kRecapture:
-      inside_.servo.recapture();
-      return Access::done;
-    default:
-      break;
+  if (number >= reg::kSetOutputNearest && number <= reg::kRecapture) {
+    if (number == reg::kRequireReindex) inside_.servo.require_reindex();
+    if (number == reg::kRecapture) inside_.servo.recapture();
+    if (number <= reg::kSetOutputExact) inside_.servo.set_output(value, number == reg::kSetOutputExact);
+    return Access::done;
   }
-  double unused = 0;
-  return read_register(number, Format::int32, unused) ? Access::read_only : Access::unknown;
+  return read_register(number, Format::int32) ? Access::read_only : Access::unknown;
 }
 
 SimMoteus::Access SimMoteus::write_mode(double value) LITHE_RT {
@@ -125,137 +98,73 @@ SimMoteus::Access SimMoteus::write_mode(double value) LITHE_RT {
 
 // Registers that only store the written value: clock trim and the outputs of the auxiliary ports.
 double* SimMoteus::auxiliary(std::uint32_t number) LITHE_RT {
-  if (number == reg::kAuxGpioCommand || number == reg::kAuxGpioCommand + 1)
-    return &gpio_[number - reg::kAuxGpioCommand];
-  if (number >= reg::kAuxPwm && number < reg::kAuxPwm + pwm_.size()) return &pwm_[number - reg::kAuxPwm];
+  if (within(number, reg::kAuxGpioCommand, gpio_.size())) return &gpio_[number - reg::kAuxGpioCommand];
+  if (within(number, reg::kAuxPwm, pwm_.size())) return &pwm_[number - reg::kAuxPwm];
   return number == reg::kClockTrim ? &clock_trim_ : nullptr;
 }
 
-bool SimMoteus::read_register(std::uint32_t number, Format format, double& value) LITHE_RT {
+std::optional<double> SimMoteus::read_register(std::uint32_t number, Format format) LITHE_RT {
   const double* source = field(command_, number);
   if (source == nullptr) source = auxiliary(number);
-  if (source != nullptr) {
-    value = *source;
-    return true;
-  }
-  if (number < reg::kCommandPosition) {
-    const std::optional<double> known = status(number);
-    value = known.value_or(0);
-    return known.has_value();
-  }
-  if (number < reg::kEncoder) return read_control(number, value);
-  if (number < reg::kModel) return read_ports(number, format, value);
-  return read_identity(number, format, value);
+  if (source != nullptr) return *source;
+  if (number < reg::kCommandPosition) return status(number);
+  if (number < reg::kEncoder) return read_control(number);
+  return number < reg::kModel ? read_ports(number, format) : read_identity(number, format);
 }
 
 std::optional<double> SimMoteus::status(std::uint32_t number) const LITHE_RT {
   const Servo& servo = inside_.servo;
   const ServoParams& params = servo.params();
-  switch (number) {
-    case reg::kMode:
-      return static_cast<double>(servo.mode());
-    case reg::kPosition:
-    case reg::kAbsPosition:
-      return servo.position_rev();
-    case reg::kVelocity:
-      return servo.velocity_rev_s();
-    case reg::kTorque:
-      return servo.torque_nm();
-    case reg::kQCurrent:
-      return servo.torque_nm() / params.torque_constant_nm_a;
-    case reg::kDCurrent:
-      return 0;
-    case reg::kPower:
-      return servo.torque_nm() * servo.velocity_rev_s() * 2 * std::numbers::pi;
-    case reg::kMotorTemperature:
-    case reg::kTemperature:
-      return params.temperature_c;
-    case reg::kTrajectoryComplete:
-      return servo.trajectory_complete() ? 1 : 0;
-    case reg::kHomeState:
-      return homed_ ? servo.home() : 0;
-    case reg::kVoltage:
-      return params.supply_v;
-    case reg::kFault:
-      return servo.fault();
-    default:
-      return std::nullopt;
-  }
+  const double nm = servo.torque_nm(), rev = servo.position_rev(), rev_s = servo.velocity_rev_s();
+  const double mode = static_cast<double>(servo.mode()), hot_c = params.temperature_c;
+  const double q_a = nm / params.torque_constant_nm_a, power_w = nm * rev_s * 2 * std::numbers::pi;
+  const double complete = servo.trajectory_complete() ? 1 : 0, home = homed_ ? servo.home() : 0;
+  // From register 000 on; two are not there.
+  const std::array<std::optional<double>, reg::kFault + 1> values{
+      mode, rev, rev_s, nm, q_a, 0, rev, power_w, {}, {}, hot_c, complete, home, params.supply_v, hot_c, servo.fault()};
+  return number < values.size() ? values[number] : std::nullopt;
 }
 
-bool SimMoteus::read_control(std::uint32_t number, double& value) LITHE_RT {
+std::optional<double> SimMoteus::read_control(std::uint32_t number) const LITHE_RT {
   const Servo& servo = inside_.servo;
-  const Servo::Terms& terms = servo.terms();
-  const std::array<double, 14> values{terms.p_nm,
-                                      terms.i_nm,
-                                      terms.d_nm,
-                                      servo.command().torque_nm,
-                                      servo.control_torque_nm(),
-                                      0,
-                                      0,
-                                      0,
-                                      servo.control_position_rev(),
-                                      servo.control_velocity_rev_s(),
-                                      servo.control_torque_nm(),
-                                      terms.error_rev,
-                                      terms.error_rev_s,
-                                      servo.control_torque_nm() - servo.torque_nm()};
+  const auto& [p_nm, i_nm, d_nm, error_rev, error_rev_s] = servo.terms();
+  const double nm = servo.control_torque_nm(), rev = servo.control_position_rev();
+  const double fed_nm = servo.command().torque_nm, rev_s = servo.control_velocity_rev_s();
+  const std::array<double, 14> values{p_nm, i_nm, d_nm,  fed_nm, nm,        0,           0,
+                                      0,    rev,  rev_s, nm,     error_rev, error_rev_s, nm - servo.torque_nm()};
   const std::uint32_t at = number - reg::kTermP;
-  if (number < reg::kTermP || at >= values.size() || (at > 4 && at < 8)) return false;
-  value = values[at];
-  return true;
+  if (number < reg::kTermP || at >= values.size() || (at > 4 && at < 8)) return std::nullopt;
+  return values[at];
 }
 
 // One encoder, on the first port; nothing else is connected.
-bool SimMoteus::read_ports(std::uint32_t number, Format format, double& value) LITHE_RT {
+std::optional<double> SimMoteus::read_ports(std::uint32_t number, Format format) const LITHE_RT {
   const Servo& servo = inside_.servo;
-  value = 0;
-  if (number < reg::kEncoder + 6) {
-    if (number == reg::kEncoder) value = servo.position_rev();
-    if (number == reg::kEncoder + 1) value = servo.velocity_rev_s();
-    return true;
-  }
-  if (number == reg::kEncoderValidity) {
-    value = servo.encoder_lost() ? 0 : 3;
-    return true;
-  }
-  if (number == reg::kAuxGpioStatus || number == reg::kAuxGpioStatus + 1) {
-    value = gpio_[number - reg::kAuxGpioStatus];
-    return true;
-  }
-  if (number == reg::kMillisecondCounter) {
-    value = wrapped_ms(servo.time_ns() / 1'000'000, format);
-    return true;
-  }
-  if (number >= reg::kPwmInput && number < reg::kPwmInput + 4) {
-    value = (number - reg::kPwmInput) % 2 == 0 ? 0 : kNan;  // period, duty cycle
-    return true;
-  }
-  return (number >= reg::kAux1Analog && number < reg::kAux1Analog + 5) ||
-         (number >= reg::kAux2Analog && number < reg::kAux2Analog + 5);
+  if (number == reg::kEncoder) return servo.position_rev();
+  if (number == reg::kEncoder + 1) return servo.velocity_rev_s();
+  if (number == reg::kEncoderValidity) return servo.encoder_lost() ? 0 : 3;
+  if (within(number, reg::kAuxGpioStatus, gpio_.size())) return gpio_[number - reg::kAuxGpioStatus];
+  if (number == reg::kMillisecondCounter) return wrapped_ms(servo.time_ns() / 1'000'000, format);
+  // Of each port: period, duty cycle.
+  if (within(number, reg::kPwmInput, 4)) return (number - reg::kPwmInput) % 2 == 0 ? 0 : kNan;
+  const bool there =
+      within(number, reg::kEncoder, 6) || within(number, reg::kAux1Analog, 5) || within(number, reg::kAux2Analog, 5);
+  return there ? std::optional(0.0) : std::nullopt;
 }
 
 // Full 32-bit words are answered as int32 only.
-bool SimMoteus::read_identity(std::uint32_t number, Format format, double& value) LITHE_RT {
+std::optional<double> SimMoteus::read_identity(std::uint32_t number, Format format) const LITHE_RT {
   const MoteusIdentity& identity = inside_.identity;
-  if (number == reg::kUuidMaskCapable || number == reg::kDriverFault || number == reg::kDriverFault + 1) {
-    value = number == reg::kUuidMaskCapable ? 1 : 0;
-    return true;
-  }
-  if (format != Format::int32) return false;
-  if (number >= reg::kUuid && number < reg::kUuid + 4) {
-    value = identity.uuid_word(number - reg::kUuid);
-    return true;
-  }
-  if (number >= reg::kSerial && number < reg::kSerial + identity.serial.size()) {
-    value = static_cast<std::int32_t>(identity.serial[number - reg::kSerial]);
-    return true;
-  }
-  if (number == reg::kModel) value = MoteusIdentity::kModel;
-  if (number == reg::kFirmware) value = MoteusIdentity::kFirmware;
-  if (number == reg::kRegisterMap) value = MoteusIdentity::kRegisterMap;
-  if (number == reg::kId) value = inside_.config.id();
-  return (number >= reg::kModel && number <= reg::kRegisterMap) || number == reg::kId;
+  if (number == reg::kUuidMaskCapable) return 1;
+  if (within(number, reg::kDriverFault, 2)) return 0;
+  if (format != Format::int32) return std::nullopt;
+  if (within(number, reg::kUuid, 4)) return identity.uuid_word(number - reg::kUuid);
+  if (within(number, reg::kSerial, identity.serial.size()))
+    return static_cast<std::int32_t>(identity.serial[number - reg::kSerial]);
+  if (number == reg::kModel) return MoteusIdentity::kModel;
+  if (number == reg::kFirmware) return MoteusIdentity::kFirmware;
+  if (number == reg::kRegisterMap) return MoteusIdentity::kRegisterMap;
+  return number == reg::kId ? std::optional<double>(inside_.config.id()) : std::nullopt;
 }
 
 }  // namespace lithe::hal::sim

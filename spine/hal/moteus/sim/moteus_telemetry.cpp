@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One table describes each channel; schema and data are both written from it, so they always agree.
-#include "spine/hal/moteus/sim/moteus_telemetry.hpp"
+#include "spine/hal/moteus/sim/moteus_console.hpp"
 
 #include <array>
 #include <bit>
@@ -84,25 +84,16 @@ class Out {
 };
 
 void write_type(Type type, Out& out) LITHE_RT {
-  switch (type) {
-    case Type::boolean:
-      return out.byte(kBoolean);
-    case Type::f32:
-      return out.byte(kFloat);
-    case Type::u8:
-    case Type::u32:
-    case Type::u64:
-      out.byte(kUnsigned);
-      return out.byte(type == Type::u8 ? 1 : type == Type::u32 ? 4 : 8);
-    case Type::mode:
-      out.byte(kEnum);
-      out.byte(kUnsigned);
-      out.byte(1);
-      out.byte(kModes.size());
-      for (std::size_t i = 0; i < kModes.size(); ++i) {
-        out.byte(static_cast<std::uint8_t>(i));
-        out.text(kModes[i]);
-      }
+  if (type == Type::boolean) return out.byte(kBoolean);
+  if (type == Type::f32) return out.byte(kFloat);
+  if (type == Type::mode) out.byte(kEnum);
+  out.byte(kUnsigned);
+  out.byte(type == Type::u32 ? 4 : type == Type::u64 ? 8 : 1);
+  if (type != Type::mode) return;
+  out.byte(kModes.size());
+  for (std::size_t i = 0; i < kModes.size(); ++i) {
+    out.byte(static_cast<std::uint8_t>(i));
+    out.text(kModes[i]);
   }
 }
 

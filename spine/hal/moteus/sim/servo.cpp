@@ -10,7 +10,6 @@ using moteus::Mode;
 
 namespace {
 
-constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
 constexpr std::int64_t kEnablingNs = 1'000'000;
 constexpr std::int64_t kCalibratingNs = 4'000'000;
 
@@ -123,20 +122,11 @@ void Servo::handle(Mode mode, const ServoCommand& command) LITHE_RT {
   }
   command_ = command;  // also in `timeout`: damping uses the last command's gain scale
   if (mode_ == Mode::fault || mode_ == Mode::timeout) return;
-  switch (mode_) {
-    case Mode::stopped:
-      mode_ = Mode::enabling;
-      phase_end_ns_ = time_ns_ + kEnablingNs;
-      target_ = mode;
-      return;
-    case Mode::enabling:
-    case Mode::calibrating:
-    case Mode::calibration_complete:
-      target_ = mode;
-      return;
-    default:
-      enter(mode);
-  }
+  if (mode_ > Mode::calibration_complete) return enter(mode);
+  target_ = mode;
+  if (mode_ != Mode::stopped) return;
+  mode_ = Mode::enabling;
+  phase_end_ns_ = time_ns_ + kEnablingNs;
 }
 
 void Servo::enter(Mode mode) LITHE_RT {
@@ -189,22 +179,12 @@ bool Servo::outside_bounds() const LITHE_RT {
 }
 
 double Servo::motor_torque() LITHE_RT {
-  switch (mode_) {
-    case Mode::current:
-      return params_.torque_constant_nm_a * command_.q_current_a;
-    case Mode::position:
-      return position_torque();
-    case Mode::stay_within:
-      return within_torque();
-    case Mode::timeout:
-      return timeout_torque();
-    case Mode::zero_velocity:
-      return damping_torque();
-    case Mode::brake:
-      return brake_torque();
-    default:
-      return 0;
-  }
+  if (mode_ == Mode::current) return params_.torque_constant_nm_a * command_.q_current_a;
+  if (mode_ == Mode::position) return position_torque();
+  if (mode_ == Mode::stay_within) return within_torque();
+  if (mode_ == Mode::timeout) return timeout_torque();
+  if (mode_ == Mode::zero_velocity) return damping_torque();
+  return mode_ == Mode::brake ? brake_torque() : 0;
 }
 
 // Uses the gain scale of the last command of any mode: without a gain in the command there is no damping.
@@ -214,16 +194,12 @@ double Servo::damping_torque() LITHE_RT {
 }
 
 double Servo::timeout_torque() LITHE_RT {
-  switch (static_cast<int>(params_.timeout_mode)) {
-    case static_cast<int>(Mode::zero_velocity):
-      return damping_torque();
-    case static_cast<int>(Mode::brake):
-      return brake_torque();
-    case static_cast<int>(Mode::position):  // with all of its own gains
-      return params_.kp_nm_rev * (control_position_rev_ - encoder_rev_) - params_.kd_nm_s_rev * velocity_rev_s_;
-    default:
-      return 0;
-  }
+  const auto mode = static_cast<Mode>(static_cast<int>(params_.timeout_mode));
+  if (mode == Mode::zero_velocity) return damping_torque();
+  if (mode == Mode::brake) return brake_torque();
+  if (mode != Mode::position) return 0;
+  // With all of its own gains.
+  return params_.kp_nm_rev * (control_position_rev_ - encoder_rev_) - params_.kd_nm_s_rev * velocity_rev_s_;
 }
 
 // Shorted windings: the induced voltage drives a braking current.
@@ -248,7 +224,8 @@ double Servo::pd(double position_rev, double velocity_rev_s) LITHE_RT {
   terms_.d_nm = params_.kd_nm_s_rev * command_.kd_scale * terms_.error_rev_s;
   const double most_nm = std::abs(params_.integral_limit_nm * command_.integral_scale);
   terms_.i_nm =
-      most_nm > 0 ? std::clamp(terms_.i_nm + kStepS * params_.ki_nm_rev_s * terms_.error_rev, -most_nm, most_nm) : 0;
+      most_nm > 0 ? std::clamp(terms_.i_nm + Plant::kStepS * params_.ki_nm_rev_s * terms_.error_rev, -most_nm, most_nm)
+                  : 0;
   const double wanted = terms_.p_nm + terms_.i_nm + terms_.d_nm + command_.torque_nm;
   const double limit = torque_limit();
   if (!(std::abs(wanted) > limit)) return wanted;
@@ -270,6 +247,52 @@ double Servo::within_torque() LITHE_RT {
   if (encoder_rev_ > upper) return pd(upper, 0);
   const double limit = torque_limit();
   return std::clamp(command_.torque_nm, -limit, limit);
+}
+
+// The planner: motion of the setpoint.
+void Servo::move_set_point() LITHE_RT {
+  if (!trajectory_complete_) plan_velocity();
+  control_position_rev_ += control_velocity_rev_s_ * Plant::kStepS;
+  const double stop = command_.stop_position_rev;
+  const double velocity = control_velocity_rev_s_;
+  if (velocity != 0 && velocity * (control_position_rev_ - stop) > 0) {  // false while there is no stop position
+    control_position_rev_ = stop;
+    control_velocity_rev_s_ = 0;
+  }
+  if (command_.ignore_bounds != 0) return;
+  const bool below = control_position_rev_ < params_.position_min_rev;
+  if (!below && !(control_position_rev_ > params_.position_max_rev)) return;
+  control_position_rev_ = below ? params_.position_min_rev : params_.position_max_rev;
+  control_velocity_rev_s_ = 0;
+  fault_ = moteus::fault::kLimitBounds;
+}
+
+// One step of a trapezoid towards a goal that moves with the commanded velocity. Without a position to reach, only the
+// velocity is brought there.
+void Servo::plan_velocity() LITHE_RT {
+  goal_rev_ += command_.velocity_rev_s * Plant::kStepS;
+  const bool free = std::isnan(command_.position_rev);
+  const double gap = free ? 0 : goal_rev_ - control_position_rev_;
+  double wanted = command_.velocity_rev_s;
+  const double most = acceleration_limit_ * Plant::kStepS;  // NaN: any change at once
+  if (gap != 0) {
+    // The largest velocity from which it can still brake, one step ahead.
+    const double reach = std::isnan(acceleration_limit_)
+                             ? std::abs(gap) / Plant::kStepS
+                             : std::sqrt(acceleration_limit_ * acceleration_limit_ * Plant::kStepS * Plant::kStepS / 4 +
+                                         2 * acceleration_limit_ * std::abs(gap)) -
+                                   most / 2;
+    wanted += std::copysign(std::min(reach, std::abs(gap) / Plant::kStepS), gap);
+  }
+  if (!std::isnan(velocity_limit_)) wanted = std::clamp(wanted, -velocity_limit_, velocity_limit_);
+  const double change = wanted - control_velocity_rev_s_;
+  control_velocity_rev_s_ += std::isnan(most) ? change : std::clamp(change, -most, most);
+  const double left = std::abs(gap - (control_velocity_rev_s_ - command_.velocity_rev_s) * Plant::kStepS);
+  if (left > 1e-9 || control_velocity_rev_s_ != wanted) return;
+  if (std::abs(wanted - command_.velocity_rev_s) * Plant::kStepS > 1e-7) return;
+  if (!free) control_position_rev_ = goal_rev_ - command_.velocity_rev_s * Plant::kStepS;
+  control_velocity_rev_s_ = command_.velocity_rev_s;
+  trajectory_complete_ = true;
 }
 
 }  // namespace lithe::hal::sim

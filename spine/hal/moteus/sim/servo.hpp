@@ -10,7 +10,6 @@
 #include "spine/core/rt.hpp"
 #include "spine/hal/core/drive.hpp"
 #include "spine/hal/moteus/moteus_codec.hpp"
-#include "spine/hal/moteus/moteus_faults.hpp"
 #include "spine/hal/physics/coupled_drive.hpp"
 
 namespace lithe::hal::sim {

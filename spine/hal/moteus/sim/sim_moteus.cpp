@@ -10,15 +10,15 @@
 
 namespace lithe::hal::sim {
 
+using moteus::kBroadcast;
 using moteus::Kind;
+using moteus::kReplyRequested;
 using moteus::Subframe;
 using moteus::SubframeReader;
 using moteus::SubframeWriter;
 
 namespace {
 
-constexpr std::uint32_t kReplyRequested = 0x8000;
-constexpr std::uint32_t kBroadcast = 0x7f;
 constexpr std::uint32_t kConsoleChannel = 1;
 
 std::uint32_t drawn(Draws& draws) { return static_cast<std::uint32_t>(draws.next() >> 32); }
@@ -36,9 +36,7 @@ MoteusIdentity MoteusIdentity::of(std::uint64_t serial) {
 }
 
 std::int32_t MoteusIdentity::uuid_word(std::size_t word) const LITHE_RT {
-  std::uint32_t bits = 0;
-  for (std::size_t i = 0; i < 4; ++i) bits |= std::uint32_t{uuid[4 * word + i]} << (8 * i);
-  return static_cast<std::int32_t>(bits);
+  return static_cast<std::int32_t>(little_endian(uuid.data() + 4 * word, 4));
 }
 
 void SimMoteus::restart(std::int64_t back_ns) LITHE_RT {
@@ -58,33 +56,17 @@ bool SimMoteus::inject(InjectedFault injected, bool begins, std::int64_t now_ns)
   constexpr std::int64_t kBootNs = 100'000'000;
   constexpr double kTooHotC = 20;  // above the fault's threshold
   constexpr double kRoomC = 25;
-  switch (injected) {
-    case InjectedFault::power_loss:
-      if (begins) restart(now_ns + kBootNs);
-      return true;
-    case InjectedFault::over_temperature:
-      inside_.servo.set_temperature_c(begins ? inside_.servo.params().fault_temperature_c + kTooHotC : kRoomC);
-      return true;
-    case InjectedFault::encoder_lost:
-      inside_.servo.set_encoder_lost(begins);
-      return true;
-    case InjectedFault::device_fault:
-      inside_.servo.set_driver_failed(begins);
-      return true;
-    case InjectedFault::watchdog_trip:
-      if (begins) inside_.servo.expire_watchdog();
-      return true;
-    case InjectedFault::homing_lost:
-      homed_ = !begins;
-      return true;
-    case InjectedFault::other_map:
-      other_map_ = begins;
-      return true;
-  }
-  return false;
+  Servo& servo = inside_.servo;
+  if (injected == InjectedFault::power_loss && begins) restart(now_ns + kBootNs);
+  if (injected == InjectedFault::watchdog_trip && begins) servo.expire_watchdog();
+  if (injected == InjectedFault::over_temperature)
+    servo.set_temperature_c(begins ? servo.params().fault_temperature_c + kTooHotC : kRoomC);
+  if (injected == InjectedFault::encoder_lost) servo.set_encoder_lost(begins);
+  if (injected == InjectedFault::device_fault) servo.set_driver_failed(begins);
+  if (injected == InjectedFault::homing_lost) homed_ = !begins;
+  if (injected == InjectedFault::other_map) other_map_ = begins;
+  return true;
 }
-
-void SimMoteus::on_time(std::int64_t now_ns, FrameQueue& /*answers*/) LITHE_RT { inside_.servo.advance(now_ns); }
 
 void SimMoteus::on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT {
   const std::uint32_t id = inside_.config.id();
@@ -111,27 +93,12 @@ bool SimMoteus::serve(const Frame& request, Frame& answer) LITHE_RT {
   Subframe subframe;
   bool going = true;
   while (going && reader.next(subframe)) {
-    switch (subframe.kind) {
-      case Kind::write:
-        write(subframe, writer);
-        going = !discarded_;
-        break;
-      case Kind::read:
-        going = read(subframe, writer);
-        break;
-      case Kind::client_data:
-      case Kind::poll:
-        stream(subframe, writer);
-        break;
-      case Kind::flow:
-        return false;
-      case Kind::reply:
-      case Kind::write_error:
-      case Kind::read_error:
-      case Kind::server_data:
-        going = false;  // not for a drive
-        break;
-    }
+    if (subframe.kind == Kind::flow) return false;
+    const bool streams = subframe.kind == Kind::client_data || subframe.kind == Kind::poll;
+    if (streams) stream(subframe, writer);
+    going = streams;  // what only a drive sends is not for a drive
+    if (subframe.kind == Kind::write) going = write(subframe, writer);
+    if (subframe.kind == Kind::read) going = read(subframe, writer);
   }
   writer.pad();
   // The maker's library fails on an empty answer, so padding is sent instead.
@@ -142,12 +109,13 @@ bool SimMoteus::serve(const Frame& request, Frame& answer) LITHE_RT {
   return true;
 }
 
-void SimMoteus::write(const Subframe& subframe, SubframeWriter& answer) LITHE_RT {
+bool SimMoteus::write(const Subframe& subframe, SubframeWriter& answer) LITHE_RT {
   for (std::uint32_t i = 0; i < subframe.count && !discarded_; ++i) {
     const std::uint32_t number = subframe.start + i;
     const Access access = write_register(number, subframe.value(i));
     if (access != Access::done) answer.error(Kind::write_error, number, static_cast<std::uint32_t>(access));
   }
+  return !discarded_;
 }
 
 bool SimMoteus::read(const Subframe& subframe, SubframeWriter& answer) LITHE_RT {
@@ -155,9 +123,10 @@ bool SimMoteus::read(const Subframe& subframe, SubframeWriter& answer) LITHE_RT 
   if (subframe.count > values.size()) return false;  // more than fits a frame
   for (std::uint32_t i = 0; i < subframe.count; ++i) {
     const std::uint32_t number = subframe.start + i;
-    if (read_register(number, subframe.format, values[i])) continue;
-    answer.error(Kind::read_error, number, static_cast<std::uint32_t>(Access::unknown));
-    return false;
+    const std::optional<double> value = read_register(number, subframe.format);
+    if (!value) answer.error(Kind::read_error, number, static_cast<std::uint32_t>(Access::unknown));
+    if (!value) return false;
+    values[i] = *value;
   }
   constexpr std::uint32_t kMoved = 0x40;
   const std::uint32_t start = subframe.start + (other_map_ ? kMoved : 0);

@@ -11,10 +11,10 @@
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/core/frame.hpp"
 #include "spine/hal/moteus/moteus_codec.hpp"
+#include "spine/hal/moteus/sim/moteus_config.hpp"
 #include "spine/hal/moteus/sim/moteus_console.hpp"
-#include "spine/hal/moteus/sim/moteus_inside.hpp"
 #include "spine/hal/moteus/sim/servo.hpp"
-#include "spine/hal/physics/sim_place.hpp"
+#include "spine/hal/physics/coupled_drive.hpp"
 
 namespace lithe::hal::sim {
 
@@ -39,7 +39,7 @@ class SimMoteus final : public BusNode {
       : inside_(params.servo, params.joint, params.plant, params.errors, params.id, params.serial) {}
 
   void on_frame(const Frame& frame, std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
-  void on_time(std::int64_t now_ns, FrameQueue& answers) LITHE_RT override;
+  void on_time(std::int64_t now_ns, FrameQueue& /*answers*/) LITHE_RT override { inside_.servo.advance(now_ns); }
   bool inject(InjectedFault injected, bool begins, std::int64_t now_ns) LITHE_RT override;
   void to_start() LITHE_RT override { inside_.servo.to_start(); }
 
@@ -53,7 +53,8 @@ class SimMoteus final : public BusNode {
   enum class Access : std::uint32_t { done = 0, unknown = 1, read_only = 2 };  // the protocol's own error numbers
 
   bool serve(const Frame& request, Frame& answer) LITHE_RT;
-  void write(const moteus::Subframe& subframe, moteus::SubframeWriter& answer) LITHE_RT;
+  // False: the rest of the frame is left out.
+  bool write(const moteus::Subframe& subframe, moteus::SubframeWriter& answer) LITHE_RT;
   bool read(const moteus::Subframe& subframe, moteus::SubframeWriter& answer) LITHE_RT;
   void stream(const moteus::Subframe& subframe, moteus::SubframeWriter& answer) LITHE_RT;
 
@@ -61,11 +62,12 @@ class SimMoteus final : public BusNode {
   Access write_register(std::uint32_t number, double value) LITHE_RT;
   Access write_mode(double value) LITHE_RT;
   double* auxiliary(std::uint32_t number) LITHE_RT;
-  bool read_register(std::uint32_t number, moteus::Format format, double& value) LITHE_RT;
+  // None: there is no such register, or not in this format.
+  std::optional<double> read_register(std::uint32_t number, moteus::Format format) LITHE_RT;
   std::optional<double> status(std::uint32_t number) const LITHE_RT;
-  bool read_control(std::uint32_t number, double& value) LITHE_RT;
-  bool read_ports(std::uint32_t number, moteus::Format format, double& value) LITHE_RT;
-  bool read_identity(std::uint32_t number, moteus::Format format, double& value) LITHE_RT;
+  std::optional<double> read_control(std::uint32_t number) const LITHE_RT;
+  std::optional<double> read_ports(std::uint32_t number, moteus::Format format) const LITHE_RT;
+  std::optional<double> read_identity(std::uint32_t number, moteus::Format format) const LITHE_RT;
 
   MoteusInside inside_;
   ServoCommand command_;  // as the registers stand now

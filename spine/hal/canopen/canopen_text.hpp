@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Text for the numbers of CANopen.
+// Text for the numbers and the frames of CANopen, and its nodes for `lithe bus scan` and `lithe bus monitor`.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
-#include <string>
+#include <memory>
 #include <string_view>
 #include <utility>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/canopen/canopen.hpp"
+#include "spine/hal/core/bus_tools.hpp"
 
 namespace lithe::hal::canopen {
 
@@ -30,7 +31,9 @@ std::string_view emergency_name(std::uint16_t code);
 std::string_view word(NmtState state);
 std::string_view word(NmtCommand command);
 
-// With at least that many digits.
-std::string hex(std::uint32_t value, std::size_t digits);
+// Asks every id for object 1000h, then those that answered for their identity. Up to 4 s on a slow bus.
+std::unique_ptr<Scanner> make_scanner();
+// Any bytes are safe.
+FrameText frame_text(const Frame& frame, const FrameContext& context);
 
 }  // namespace lithe::hal::canopen

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/moteus/numbers.hpp"
+#include "spine/hal/bus/serial/words.hpp"
 
 #include <algorithm>
 #include <charconv>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/hal/bus/serial/serial_identity.hpp"
+#include "spine/hal/bus/serial/serial_port.hpp"
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
