@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "spine/core/result.hpp"
-#include "spine/load/arena_store.hpp"
+#include "spine/load/law_store.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe {

@@ -29,7 +29,7 @@
 #include "spine/hal/robot_hardware.hpp"
 #include "spine/info.hpp"
 #include "spine/law/slot.hpp"
-#include "spine/load/dlopen_store.hpp"
+#include "spine/load/law_store.hpp"
 #include "spine/load/loader.hpp"
 #include "spine/loop/spine.hpp"
 #include "spine/loop/transport.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trial/child.hpp"
+#include "trial/zygote.hpp"
 
 #include <dlfcn.h>
 #include <signal.h>
@@ -12,8 +12,8 @@
 #include "spine/arena/layout.hpp"
 #include "spine/core/host/signals.hpp"
 #include "spine/law/resident.hpp"
-#include "spine/load/dlopen_store.hpp"
-#include "trial/sandbox/gate.hpp"
+#include "spine/load/law_store.hpp"
+#include "trial/sandbox/sandbox.hpp"
 #include "trial/sections/sections.hpp"
 
 namespace lithe::trial {

@@ -10,29 +10,21 @@ namespace lithe::trial {
 namespace {
 
 std::string crash_cause(const Crash& crash, const Limits& limits) {
-  switch (crash.signal) {
-    case SIGSEGV:
-      return fmt::format("it touched memory that is not its own (SIGSEGV at {:#x})", crash.address);
-    case SIGBUS:
-      return "it touched memory that is not there (SIGBUS)";
-    case SIGFPE:
-      return "an integer division by zero, or one that overflows (SIGFPE)";
-    case SIGILL:
-    case SIGTRAP:
-      return fmt::format("an instruction that ends the program: a failed check, or a function without a return ({})",
-                         crash.signal == SIGILL ? "SIGILL" : "SIGTRAP");
-    case SIGABRT:
-      return "it aborted";
-    case SIGSYS:
-      return fmt::format("it made system call {}: a law may only compute", crash.system_call);
-    case SIGPROF:
-      return fmt::format(
-          "it did not come to an end in the trial's {} ms of the processor: look for a loop without a "
-          "bound, or far too much work",
-          limits.cpu_ms);
-    default:
-      return fmt::format("it was ended by signal {}", crash.signal);
+  if (crash.signal == SIGSEGV)
+    return fmt::format("it touched memory that is not its own (SIGSEGV at {:#x})", crash.address);
+  if (crash.signal == SIGBUS) return "it touched memory that is not there (SIGBUS)";
+  if (crash.signal == SIGFPE) return "an integer division by zero, or one that overflows (SIGFPE)";
+  if (crash.signal == SIGILL || crash.signal == SIGTRAP) {
+    return fmt::format("an instruction that ends the program: a failed check, or a function without a return ({})",
+                       crash.signal == SIGILL ? "SIGILL" : "SIGTRAP");
   }
+  if (crash.signal == SIGABRT) return "it aborted";
+  if (crash.signal == SIGSYS) return fmt::format("it made system call {}: a law may only compute", crash.system_call);
+  if (crash.signal != SIGPROF) return fmt::format("it was ended by signal {}", crash.signal);
+  return fmt::format(
+      "it did not come to an end in the trial's {} ms of the processor: look for a loop without a bound, "
+      "or far too much work",
+      limits.cpu_ms);
 }
 
 bool is_report(const std::string& bytes, Report& report) {

@@ -10,7 +10,7 @@
 
 #include "spine/core/test/emulation.hpp"
 #include "trial/sandbox/sandbox.hpp"
-#include "trial/sections/guarded.hpp"
+#include "trial/sections/law_harness.hpp"
 
 namespace lithe::trial {
 namespace {

@@ -9,9 +9,8 @@
 #include "spine/arena/arena.hpp"
 #include "spine/core/lookup.hpp"
 #include "spine/robot/robot.hpp"
-#include "trial/child.hpp"
 #include "trial/sections/sections.hpp"
-#include "trial/simulation/safe_law_run.hpp"
+#include "trial/simulation/simulated_run.hpp"
 #include "trial/verdict.hpp"
 
 namespace lithe::trial {
@@ -104,17 +103,11 @@ Result<> Zygote::wall_in() {
 json Zygote::answer(const std::string& line, bool& quit) {
   const json request = json::parse(line, nullptr, false);
   const std::string verb = request.is_object() ? text(request, "verb") : "";
-  json reply;
-  if (verb == "try") {
-    reply = attempt(request);
-  } else if (verb == "ping") {
-    reply = ping();
-  } else if (verb == "quit") {
-    quit = true;
-    reply = {{"ok", true}};
-  } else {
-    reply = refuse("request", "one JSON object per line, with \"id\" and \"verb\": try, ping or quit");
-  }
+  quit = verb == "quit";
+  json reply = refuse("request", "one JSON object per line, with \"id\" and \"verb\": try, ping or quit");
+  if (verb == "try") reply = attempt(request);
+  if (verb == "ping") reply = ping();
+  if (quit) reply = {{"ok", true}};
   if (request.is_object() && request.contains("id")) reply["id"] = request["id"];
   return reply;
 }
@@ -128,10 +121,6 @@ json Zygote::ping() const {
           {"safe_law_text", safe_law_text_}};
 }
 
-Outcome Zygote::run(const TrialRequest& wanted, const Limits& limits) const {
-  return run_sandboxed([&](int pipe_fd) { return run_trial(setup_, wanted, limits, pipe_fd); }, limits, sizeof(Report));
-}
-
 json Zygote::attempt(const json& request) {
   TrialRequest wanted;
   if (const std::string wrong = read_request(request, setup_, wanted); !wrong.empty()) return refuse("request", wrong);
@@ -139,12 +128,15 @@ json Zygote::attempt(const json& request) {
   // What the robot takes is not the law's; under a law the guard has more to do than at rest.
   limits.cpu_ms = wanted.box_ms + 2 * setup_.run_ms;
   limits.wall_ms = 4 * limits.cpu_ms;
-  Outcome outcome = run(wanted, limits);
+  const auto run = [&] {
+    return run_sandboxed([&](int fd) { return run_trial(setup_, wanted, limits, fd); }, limits, sizeof(Report));
+  };
+  Outcome outcome = run();
   Verdict verdict = verdict_of(outcome, limits);
   if (verdict.out_of_time) {  // time that a hypervisor takes counts as the child's: no_torque is judged by one stall
     limits.cpu_ms *= 2;
     limits.wall_ms *= 2;
-    outcome = run(wanted, limits);
+    outcome = run();
     verdict = verdict_of(outcome, limits);
   }
   json reply = {{"ok", verdict.ok},

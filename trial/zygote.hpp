@@ -11,6 +11,11 @@
 
 namespace lithe::trial {
 
+// One trial. Loads the law, runs all sections, writes one Report into the pipe: at the end, or from the handler of the
+// signal that ended it. Returns the exit code of the process.
+// Contract: in a child, once
+int run_trial(const TrialSetup& setup, const TrialRequest& request, const Limits& limits, int pipe_fd);
+
 // Contract: one thread · never throws for bad input: every answer is JSON with "ok"
 class Zygote {
  public:
@@ -33,7 +38,6 @@ class Zygote {
 
   nlohmann::json ping() const;
   nlohmann::json attempt(const nlohmann::json& request);
-  Outcome run(const TrialRequest& request, const Limits& limits) const;
 
   TrialSetup setup_;
   std::string arena_text_;     // why there is no arena; empty = there is

@@ -16,7 +16,7 @@
 
 #include "spine/arena/arena.hpp"
 #include "spine/core/test/emulation.hpp"
-#include "trial/sections/guarded.hpp"
+#include "trial/sections/law_harness.hpp"
 #include "trial/verdict.hpp"
 
 namespace lithe::trial {

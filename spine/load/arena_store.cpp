@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/load/arena_store.hpp"
+#include "spine/load/law_store.hpp"
 
 #include <algorithm>
 #include <bit>

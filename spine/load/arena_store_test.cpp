@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The Loader with the arena: what it runs, and what it refuses to believe.
-#include "spine/load/arena_store.hpp"
+#include "spine/load/law_store.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -10,7 +10,6 @@
 #include <memory>
 #include <string>
 
-#include "spine/load/dlopen_store.hpp"
 #include "spine/load/loader.hpp"
 
 namespace lithe::load {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/load/dlopen_store.hpp"
+#include "spine/load/law_store.hpp"
 
 #include <dlfcn.h>
 #include <elf.h>
@@ -98,25 +98,19 @@ wire::StageResult DlopenStore::load(std::uint32_t place, const wire::StageReques
 }
 
 const LitheLaw* DlopenStore::open(std::uint32_t place, const char* path, std::span<char> why) {
-  if (place >= handles_.size() || handles_[place] != nullptr) {
-    std::snprintf(why.data(), why.size(), "no free place for another law");
+  const auto refuse = [why](const char* what, const char* colon = "", const char* about = "") {
+    std::snprintf(why.data(), why.size(), "%s%s%s", what, colon, about);
     return nullptr;
-  }
-  if (const char* reason = check_object(path)) {
-    std::snprintf(why.data(), why.size(), "%s: %s", reason, path);
-    return nullptr;
-  }
+  };
+  if (place >= handles_.size() || handles_[place] != nullptr) return refuse("no free place for another law");
+  if (const char* reason = check_object(path)) return refuse(reason, ": ", path);
   void* handle = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-  if (handle == nullptr) {
-    const char* words = dlerror();
-    std::snprintf(why.data(), why.size(), "cannot load: %s", words == nullptr ? path : words);
-    return nullptr;
-  }
+  const char* words = handle == nullptr ? dlerror() : nullptr;
+  if (handle == nullptr) return refuse("cannot load", ": ", words == nullptr ? path : words);
   const auto* law = static_cast<const LitheLaw*>(dlsym(handle, "lithe_law"));
   if (law == nullptr) {
-    std::snprintf(why.data(), why.size(), "it exports no symbol lithe_law: end the law with LITHE_LAW(Type, \"name\")");
     dlclose(handle);
-    return nullptr;
+    return refuse("it exports no symbol lithe_law: end the law with LITHE_LAW(Type, \"name\")");
   }
   touch_pages(law);
   handles_[place] = handle;

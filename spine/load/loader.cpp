@@ -7,7 +7,6 @@
 #include <ctime>
 
 #include "spine/arena/layout.hpp"
-
 #include "spine/core/time.hpp"
 
 namespace lithe::load {

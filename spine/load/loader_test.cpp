@@ -13,7 +13,7 @@
 #include <thread>
 #include <vector>
 
-#include "spine/load/dlopen_store.hpp"
+#include "spine/load/law_store.hpp"
 
 namespace lithe::load {
 namespace {

@@ -27,13 +27,6 @@ void call_init(void* context) {
 
 void call_step(void* context) { static_cast<law::Sandbox*>(context)->call(); }
 
-// A law's init() gets finite numbers only.
-bool is_finite(const wire::Telemetry& record, std::uint32_t joints) {
-  return all_finite(record.position_rad, joints) && all_finite(record.velocity_rad_s, joints) &&
-         all_finite(record.torque_nm, joints) && all_finite(record.setpoint_position_rad, joints) &&
-         all_finite(record.setpoint_velocity_rad_s, joints) && all_finite(record.command_torque_nm, joints);
-}
-
 void copy(const wire::Telemetry& record, std::int64_t now_ns, std::uint32_t joints, PastTick& tick) {
   tick.age_s = static_cast<double>(now_ns - record.release_ns) * 1e-9;
   copy_joints(record.position_rad, tick.position_rad, joints);
@@ -46,6 +39,12 @@ void copy(const wire::Telemetry& record, std::int64_t now_ns, std::uint32_t join
 }
 
 }  // namespace
+
+bool is_finite(const wire::Telemetry& record, std::uint32_t joints) {
+  return all_finite(record.position_rad, joints) && all_finite(record.velocity_rad_s, joints) &&
+         all_finite(record.torque_nm, joints) && all_finite(record.setpoint_position_rad, joints) &&
+         all_finite(record.setpoint_velocity_rad_s, joints) && all_finite(record.command_torque_nm, joints);
+}
 
 Rehearsal::Rehearsal(const ipc::SpineMemory& spine, std::uint32_t joints, double dt_s, law::Sandbox& sandbox)
     : spine_(spine),

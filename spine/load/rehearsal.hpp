@@ -18,6 +18,9 @@ namespace lithe::load {
 // Ticks a law may look back on: two seconds at 1 kHz.
 inline constexpr std::uint32_t kMostPast = 2048;
 
+// False for a record of a broken sensor. A law's init() gets finite numbers only.
+bool is_finite(const wire::Telemetry& record, std::uint32_t joints);
+
 // Contract: Loader thread only · allocates when made, never after · without a FaultBarrier, a law that crashes here
 // ends the process
 class Rehearsal {

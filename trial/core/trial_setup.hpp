@@ -10,7 +10,7 @@
 
 #include "spine/core/time.hpp"
 #include "spine/hal/actuators.hpp"
-#include "spine/load/arena_store.hpp"
+#include "spine/load/law_store.hpp"
 #include "spine/robot/config.hpp"
 #include "spine/wire/wire.hpp"
 #include "trial/core/report.hpp"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trial/sandbox/gate.hpp"
+#include "trial/sandbox/sandbox.hpp"
 
 #include <sys/prctl.h>
 #include <unistd.h>

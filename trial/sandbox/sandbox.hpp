@@ -48,6 +48,20 @@ bool keep_heap(std::size_t bytes);
 // From now on allowed: write to the pipe, read the clock, exit. A law needs none of them.
 Result<> allow_computing_only(int pipe_fd);
 
+// A gate for system calls, without a seccomp filter: when a filter is freed, the kernel interrupts every core, the
+// Spine's as well (once per trial, measured on Linux 6.18).
+inline constexpr int kSyscallUserDispatch = 59;  // PR_SET_SYSCALL_USER_DISPATCH, which older headers lack
+
+// A system call; returns the kernel's result, a negative error number on failure. Works also when the gate is shut, if
+// the filter allows its number.
+// Contract: also in a signal handler
+long ask_kernel(long number, long first = 0, long second = 0, long third = 0) noexcept;
+
+// From now on and for good, a system call from any other instruction raises SIGSYS (Linux' syscall user dispatch,
+// without a switch). A law that jumps to this instruction on purpose is still limited by allow_trials_only(). x86 only.
+// Contract: in the child; its signal handlers must end it, because they cannot return any more
+Result<> shut_all_but_the_gate();
+
 // In the parent, once, before the first child: from now on it and its children can fork, set limits, read files, write
 // to open descriptors, map memory and send signals. No network, no other program, no writing of files.
 Result<> allow_trials_only();

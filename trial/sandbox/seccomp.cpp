@@ -11,7 +11,6 @@
 #include <initializer_list>
 #include <memory>
 
-#include "trial/sandbox/gate.hpp"
 #include "trial/sandbox/sandbox.hpp"
 
 namespace lithe::trial {

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
-#include <cstring>
 
 #include "spine/law/dry_inputs.hpp"
 #include "trial/sections/sections.hpp"
@@ -18,17 +17,6 @@ constexpr std::uint64_t kSteps = 200, kResetAt = 100;
 [[gnu::noinline]] void scribble(std::uint64_t value) {
   std::array<volatile std::uint64_t, 1024> junk;
   for (auto& word : junk) word = value;
-}
-
-bool same_bits(LawHarness& one, LawHarness& other, const LitheLaw& law, std::uint32_t joints) {
-  const auto same = [&](const JointArray& a, const JointArray& b) {
-    return std::memcmp(a.data(), b.data(), joints * sizeof(double)) == 0;
-  };
-  const Effort &a = one.effort(), &b = other.effort();
-  return same(a.torque_nm, b.torque_nm) && same(a.position_rad, b.position_rad) &&
-         same(a.velocity_rad_s, b.velocity_rad_s) && same(a.kp_nm_rad, b.kp_nm_rad) &&
-         same(a.kd_nm_s_rad, b.kd_nm_s_rad) &&
-         std::memcmp(one.probes().data(), other.probes().data(), law.probe_count * sizeof(double)) == 0;
 }
 
 double largest_difference(const LawHarness& one, const LawHarness& other, std::uint32_t joints) {
@@ -101,7 +89,7 @@ bool run_benign(TrialContext& context) {
     if (!context.sound(context.one) || !context.sound(context.other)) return false;
     if (k == kResetAt)
       context.report.reset_difference_nm = largest_difference(context.one, context.other, context.joints());
-    if (k >= kResetAt || same_bits(context.one, context.other, context.law, context.joints())) continue;
+    if (k >= kResetAt || context.same_bits()) continue;
     context.report.same_bits = 0;
     return context.refuse(
         "the same input gave another output the second time (harmless input %u): look for a variable "

@@ -35,17 +35,20 @@ bool same_output(TrialContext& context, const JointInput& input, std::size_t fro
     context.one.step(tick);
     context.other.step(other);
     if (!context.sound(context.one) || !context.sound(context.other)) return false;
-    for (const Output& output : kOutputs) {
-      const JointArray &a = context.one.effort().*output.values, &b = context.other.effort().*output.values;
-      if (std::memcmp(a.data(), b.data(), context.joints() * sizeof(double)) != 0) return false;
-    }
-    const std::size_t probes = context.law.probe_count * sizeof(double);
-    if (std::memcmp(context.one.probes().data(), context.other.probes().data(), probes) != 0) return false;
+    if (!context.same_bits()) return false;
   }
   return true;
 }
 
 }  // namespace
+
+bool TrialContext::same_bits() {
+  for (const Output& output : kOutputs) {
+    const JointArray &a = one.effort().*output.values, &b = other.effort().*output.values;
+    if (std::memcmp(a.data(), b.data(), joints() * sizeof(double)) != 0) return false;
+  }
+  return std::memcmp(one.probes().data(), other.probes().data(), law.probe_count * sizeof(double)) == 0;
+}
 
 // Unchanged entries are accepted, and zeros too (a law may clear the whole array).
 bool TrialContext::within_joints(const LawHarness& harness) {

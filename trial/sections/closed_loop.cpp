@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Closed-loop section: two runs of the law with the simulated robot and the guard; one second of simulated time each.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -29,17 +31,24 @@ struct Bound {
   std::uint32_t LoopStats::* count;
   double share;
   const char* what;
+  const char* limit;  // of these two
+  double robot::JointConfig::*first, robot::JointConfig::*second = first;
 };
 // Swings faster than this share of the rate come from damping that is too high: with the lag of loop and drive its
 // torque is then a quarter of a period late. Measured at 1 kHz on the chain: 21 Hz by too much stiffness, 50 Hz by too
 // much damping.
 constexpr double kFastOfRate = 0.035;
 
+using robot::JointConfig;
 constexpr Bound kBounds[] = {
-    {&LoopStats::position_clamped, 0.1, "pushes a joint against its position limit"},
-    {&LoopStats::velocity_clamped, 0.1, "drives a joint to its velocity limit"},
-    {&LoopStats::slew_clamped, 0.25, "changes its torque faster than torque_slew_nm_s allows"},
-    {&LoopStats::torque_clamped, 0.8, "asks for more than torque_max_nm"},
+    {&LoopStats::position_clamped, 0.1, "pushes a joint against its position limit", "its limits are %.3g and %.3g rad",
+     &JointConfig::position_min_rad, &JointConfig::position_max_rad},
+    {&LoopStats::velocity_clamped, 0.1, "drives a joint to its velocity limit", "velocity_max_rad_s is %.3g",
+     &JointConfig::velocity_max_rad_s},
+    {&LoopStats::slew_clamped, 0.25, "changes its torque faster than torque_slew_nm_s allows",
+     "torque_slew_nm_s is %.3g", &JointConfig::torque_slew_nm_s},
+    {&LoopStats::torque_clamped, 0.8, "asks for more than torque_max_nm", "torque_max_nm is %.3g",
+     &JointConfig::torque_max_nm},
 };
 
 // A robot that leaves its limits without a law is stopped in any case; a law must not make this earlier. The same for a
@@ -77,16 +86,7 @@ bool goes_on(TrialContext& context, const LoopStats& law, const LoopStats& alone
 std::array<char, 240> held_words(const robot::RobotConfig& robot, const LoopStats& law, const Bound& bound) {
   const robot::JointConfig& joint = robot.joints[law.held_joint];
   std::array<char, 80> limit{};
-  if (bound.count == &LoopStats::position_clamped) {
-    std::snprintf(limit.data(), limit.size(), "its limits are %.3g and %.3g rad", joint.position_min_rad,
-                  joint.position_max_rad);
-  } else if (bound.count == &LoopStats::velocity_clamped) {
-    std::snprintf(limit.data(), limit.size(), "velocity_max_rad_s is %.3g", joint.velocity_max_rad_s);
-  } else if (bound.count == &LoopStats::slew_clamped) {
-    std::snprintf(limit.data(), limit.size(), "torque_slew_nm_s is %.3g", joint.torque_slew_nm_s);
-  } else {
-    std::snprintf(limit.data(), limit.size(), "torque_max_nm is %.3g", joint.torque_max_nm);
-  }
+  std::snprintf(limit.data(), limit.size(), bound.limit, joint.*bound.first, joint.*bound.second);
   std::array<char, 240> text{};
   std::snprintf(text.data(), text.size(),
                 "joint %s most of all (tick %u: wanted %.3g N m, got %.3g, at %.3g rad and %.3g rad/s; %s)",
@@ -170,12 +170,10 @@ bool run_law(TrialContext& context, SimulatedRun& run, double mandatory_s, const
 void warn_if_short(const LoopStats& law, const SimulatedRobot& simulated, const char* which,
                    std::vector<std::string>& found) {
   if (law.ticks == 0 || law.ticks >= law.whole_ticks || law.fault != 0 || law.tremor != 0) return;
-  std::array<char, 200> text{};
-  std::snprintf(text.data(), text.size(), "tried for %.2g s only, not %.2g s, in the %s run: %s",
-                kRunSeconds * law.ticks / law.whole_ticks, kRunSeconds, which,
-                law.ticks < simulated.run_ticks ? "its steps use up the trial's box (--box)"
-                                                : "this robot takes too long to simulate");
-  found.emplace_back(text.data());
+  found.push_back(fmt::format("tried for {:.2g} s only, not {:.2g} s, in the {} run: {}",
+                              kRunSeconds * law.ticks / law.whole_ticks, kRunSeconds, which,
+                              law.ticks < simulated.run_ticks ? "its steps use up the trial's box (--box)"
+                                                              : "this robot takes too long to simulate"));
 }
 
 constexpr const char* kPlain = "with the simulated robot";
@@ -205,13 +203,10 @@ std::vector<std::string> warnings(const Report& report, const TrialSetup& setup)
   for (std::uint32_t j = 0; j < setup.joints(); ++j) {
     const double with_rad = law.joint_rms_error_rad[j], without_rad = alone.joint_rms_error_rad[j];
     if (without_rad < kWorthASecondLookRad || with_rad < kNoBetter * without_rad) continue;
-    std::array<char, 200> text{};
-    std::snprintf(
-        text.data(), text.size(),
-        "joint %s is no nearer to its setpoint than without a law: %.3f rad against %.3f (rms) on the simulated "
-        "robot",
-        setup.robot.joints[j].name.c_str(), with_rad, without_rad);
-    found.emplace_back(text.data());
+    found.push_back(
+        fmt::format("joint {} is no nearer to its setpoint than without a law: {:.3f} rad against {:.3f} (rms) on the "
+                    "simulated robot",
+                    setup.robot.joints[j].name, with_rad, without_rad));
   }
   return found;
 }

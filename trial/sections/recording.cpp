@@ -8,20 +8,19 @@
 #include "spine/ipc/layout.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/law/dry_inputs.hpp"
+#include "spine/load/rehearsal.hpp"
 
 namespace lithe::trial {
 namespace {
 
-// Records of a broken sensor are left out. x - x is 0 for every finite x, NaN for all others.
-bool is_finite(const wire::Telemetry& record, std::uint32_t joints) {
-  double sum = 0;
-  for (const double* values :
-       {record.position_rad.data(), record.velocity_rad_s.data(), record.torque_nm.data(),
-        record.setpoint_position_rad.data(), record.setpoint_velocity_rad_s.data(), record.command_torque_nm.data()}) {
-    for (std::uint32_t j = 0; j < joints; ++j) sum += values[j] - values[j];
-  }
-  return sum == 0;
-}
+// What is kept of a record, in the order of Recording::Quantity.
+constexpr std::array<std::array<double, wire::kNj> wire::Telemetry::*, 6> kKept{
+    &wire::Telemetry::position_rad,
+    &wire::Telemetry::velocity_rad_s,
+    &wire::Telemetry::torque_nm,
+    &wire::Telemetry::setpoint_position_rad,
+    &wire::Telemetry::setpoint_velocity_rad_s,
+    &wire::Telemetry::command_torque_nm};
 
 }  // namespace
 
@@ -40,14 +39,11 @@ Recording::Recording(const std::string& robot, std::uint32_t joints, double dt_s
   records_.reserve(most);
   values_.reserve(most * kQuantities * joints);
   while (!reader.empty() && records_.size() < most) {
-    if (!reader.next(*record) || record->tick + most <= newest || !is_finite(*record, joints)) continue;
+    if (!reader.next(*record) || record->tick + most <= newest || !load::is_finite(*record, joints)) continue;
     records_.push_back({record->tick, record->release_ns, record->sample_ns, record->brain_age_ns, record->flags, {}});
     std::copy(record->sensor.begin(), record->sensor.end(), records_.back().sensor.begin());
-    for (const double* quantity : {record->position_rad.data(), record->velocity_rad_s.data(), record->torque_nm.data(),
-                                   record->setpoint_position_rad.data(), record->setpoint_velocity_rad_s.data(),
-                                   record->command_torque_nm.data()}) {
-      values_.insert(values_.end(), quantity, quantity + joints);
-    }
+    for (const auto quantity : kKept)
+      values_.insert(values_.end(), ((*record).*quantity).begin(), ((*record).*quantity).begin() + joints);
   }
 }
 
@@ -75,8 +71,6 @@ void Recording::fill(Tick& tick, std::size_t i) const {
     tick.setpoint_acceleration_rad_s2[j] = (at(i, setpoint_velocity, j) - at(before, setpoint_velocity, j)) / dt_s_;
   }
 }
-
-double Recording::command_torque_nm(std::size_t i, std::uint32_t joint) const { return at(i, command, joint); }
 
 std::vector<PastTick> Recording::past(std::size_t most, std::uint32_t joints, double dt_s) const {
   std::vector<PastTick> ticks(records_.empty() ? most : std::min(most, records_.size()));

@@ -23,7 +23,7 @@ class Recording {
 
   // Record i (0 = the oldest) as a law would have seen it.
   void fill(Tick& tick, std::size_t i) const;
-  double command_torque_nm(std::size_t i, std::uint32_t joint) const;
+  double command_torque_nm(std::size_t i, std::uint32_t joint) const { return at(i, command, joint); }
 
   // The newest ticks first, at most `most`. Without a recording: a robot that follows a slow sine.
   std::vector<PastTick> past(std::size_t most, std::uint32_t joints, double dt_s) const;

@@ -35,6 +35,8 @@ struct TrialContext {
   bool out_of_time() const { return setup.clock.now_ns() > deadline_ns; }
   Progress& progress() { return report.progress[report.section]; }
 
+  // True when the two have given the same output in their last step.
+  bool same_bits();
   // Stores what is being tested, for the message of a crash.
   __attribute__((format(printf, 2, 3))) void doing(const char* format, ...);
   // Always false.

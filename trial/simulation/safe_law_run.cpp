@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "trial/simulation/safe_law_run.hpp"
 
 #include <fmt/format.h>
 
@@ -194,15 +193,8 @@ Result<std::string> run_safe_law(const RobotConfig& robot) {
   const RobotConfig model = model_of(robot);
   const auto found = stop_with_safe_law(model);
   if (!found) return found.error();
-  switch (found->what) {
-    case Finding::What::shakes:
-      return shaking(model, *found);
-    case Finding::What::goes_on:
-      return going_on(model, *found);
-    case Finding::What::nothing:
-      break;
-  }
-  return std::string();
+  if (found->what == Finding::What::shakes) return shaking(model, *found);
+  return found->what == Finding::What::goes_on ? going_on(model, *found) : std::string();
 }
 
 }  // namespace lithe::trial

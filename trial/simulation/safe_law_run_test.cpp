@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The safe law alone, on the robots that come with LITHE and on some that must be refused.
-#include "trial/simulation/safe_law_run.hpp"
+#include "trial/simulation/simulated_run.hpp"
 
 #include <gtest/gtest.h>
 
