@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-namespace lithe::hal::moteus {
+namespace lithe::hal::moteus::codec_test {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -393,4 +393,4 @@ TEST(MoteusBytes, ASubframeThatDoesNotFitIsLeftOutWhole) {
 }
 
 }  // namespace
-}  // namespace lithe::hal::moteus
+}  // namespace lithe::hal::moteus::codec_test

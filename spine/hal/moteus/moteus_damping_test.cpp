@@ -12,7 +12,7 @@
 #include "spine/hal/moteus/moteus.hpp"
 #include "spine/wire/wire.hpp"
 
-namespace lithe::hal::moteus {
+namespace lithe::hal::moteus::damping_test {
 namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
@@ -192,4 +192,4 @@ TEST(MoteusDriver, AnIntegerAtItsEndIsNoSpeedAndNoTorque) {
 }
 
 }  // namespace
-}  // namespace lithe::hal::moteus
+}  // namespace lithe::hal::moteus::damping_test
