@@ -115,7 +115,7 @@ void keep_off_the_spines_cores(const robot::SpineConfig& wanted) {
   raise_priority();
 }
 
-// The random values drawn from each joint's seed, as one line of JSON.
+// The random values drawn from each joint's seed, and whether its drive follows targets, as one line of JSON.
 int tell_truth(const std::string& path) {
   const Result<robot::RobotConfig> config = robot::load_robot(path);
   if (!config) return refuse(config.message());
@@ -128,7 +128,8 @@ int tell_truth(const std::string& path) {
                       {"payload_kg", truth.payload_kg},
                       {"inertia_kg_m2", truth.plant.inertia_kg_m2},
                       {"mgl_nm", truth.plant.mgl_nm},
-                      {"mgl_told_nm", truth.mgl_told_nm}});
+                      {"mgl_told_nm", truth.mgl_told_nm},
+                      {"closes_loop", robot::closes_loop(config->devices[joint.device])}});
   }
   say(Json{{"robot", config->name}, {"ideal", config->plant.ideal}, {"joints", joints}}.dump());
   return 0;

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import subprocess
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ class SimJoint:
     name: str
     mgl_nm: float  # as the robot file says it; from with_truth() on what the drive tells when it bears all of it
     most_share: float = 1.0  # of mgl, that it can come to bear where its limits leave room to hold a weight
+    drive: dict[str, Any] = field(default_factory=dict, compare=False)  # of the robot file, with its defaults
 
     @property
     def bears_gravity(self) -> bool:
@@ -67,15 +68,6 @@ def _refuse_hardware(robot_file: Path, config: dict[str, Any]) -> None:
             )
 
 
-def _refuse_drive(robot_file: Path, joint: str, drive: dict[str, Any]) -> None:
-    """LitheError when a drive follows targets: the agent's laws give torques."""
-    if drive.get("kind") == "cia402" and (mode := drive.get("mode", "torque")) != "torque":
-        raise LitheError(
-            f"{robot_file}: device '{drive.get('name')}' of joint '{joint}' has mode = \"{mode}\", in which a drive "
-            'ignores the torques that the experiment\'s laws give\n  next: mode = "torque"'
-        )
-
-
 def _joints(robot_file: Path, config: dict[str, Any]) -> list[SimJoint]:
     defaults = config.get("defaults", {})
     common = defaults.get("joint", {})
@@ -85,9 +77,9 @@ def _joints(robot_file: Path, config: dict[str, Any]) -> list[SimJoint]:
     for own in config["joint"]:
         joint = {**common, **own}
         sim = {**common.get("sim", {}), **own.get("sim", {})}
-        _refuse_drive(robot_file, joint["name"], drives.get(joint.get("device"), {}))
         share = most_share(float(joint["position_min_rad"]), float(joint["position_max_rad"]), soft_rad)
-        joints.append(SimJoint(str(joint["name"]), float(sim.get("mgl_nm", 0.0)), share))
+        drive = drives.get(joint.get("device"), {})
+        joints.append(SimJoint(str(joint["name"]), float(sim.get("mgl_nm", 0.0)), share, drive))
     return joints
 
 
@@ -95,7 +87,7 @@ def simulated_joints(robot_file: Path, over_real_buses: bool = False) -> list[Si
     """The joints of a robot file on which the experiment may and can be done; asked before anything is started.
 
     LitheError when motors may hang on its buses and nobody allowed that, when none of its joints bears gravity, when
-    what one of them bears depends on the others, when a drive takes no torques. Mistakes are for `lithe` to name.
+    what one of them bears depends on the others. Mistakes are for `lithe` to name.
     """
     try:
         config = tomllib.loads(read_regular(robot_file))
@@ -126,14 +118,22 @@ def with_truth(robot_file: Path, joints: list[SimJoint]) -> list[SimJoint]:
     """The same joints with the gravity torque that each really bears, in the torque that its drive tells.
 
     What the robot file only bounds (payload, error of the torque constant) its seed draws; `lithe sim --truth` tells.
+    LitheError when a drive follows targets: the agent's laws give torques.
     """
     ran = subprocess.run(
         [binary("lithe-sim"), "--truth", robot_file], capture_output=True, text=True, check=False, timeout=60
     )
     if ran.returncode != 0:
         raise LitheError(ran.stderr.strip() or f"lithe-sim --truth {robot_file} ended with code {ran.returncode}")
-    told = {one["name"]: float(one["mgl_told_nm"]) for one in json.loads(ran.stdout)["joints"]}
-    return [replace(joint, mgl_nm=told[joint.name]) for joint in joints]
+    told = {one["name"]: one for one in json.loads(ran.stdout)["joints"]}
+    for joint in joints:
+        if told[joint.name]["closes_loop"]:
+            raise LitheError(
+                f"{robot_file}: device '{joint.drive.get('name')}' of joint '{joint.name}' has mode = "
+                f'"{joint.drive.get("mode")}", in which a drive ignores the torques that the experiment\'s laws give\n'
+                '  next: mode = "torque"'
+            )
+    return [replace(joint, mgl_nm=float(told[joint.name]["mgl_told_nm"])) for joint in joints]
 
 
 def error_deg(records: npt.NDArray[Any], joint: int) -> npt.NDArray[np.float64]:

@@ -289,11 +289,12 @@ def test_a_drive_that_takes_no_torques_is_refused_by_name(tmp_path: Path, mode: 
     (tmp_path / "own.toml").write_text(f'{head}name = "boom_drive"' + tail.replace('"torque"', f'"{mode}"', 1))
     told = rf"device 'boom_drive' of joint 'boom' has mode = \"{mode}\".*next: mode = \"torque\""
     with pytest.raises(demo.LitheError, match="(?s)" + told):
-        demo.simulated_joints(tmp_path / "own.toml")
-    defaults = text.replace('mode = "torque"', "").replace("[defaults.device]", f'[defaults.device]\nmode = "{mode}"')
+        demo.with_truth(tmp_path / "own.toml", demo.simulated_joints(tmp_path / "own.toml"))
+    told = f'[defaults.device]\nkind = "cia402"\nmode = "{mode}"'
+    defaults = text.replace('mode = "torque"', "").replace("[defaults.device]", told)
     (tmp_path / "all.toml").write_text(defaults)
     with pytest.raises(demo.LitheError, match=r"device 'column_drive' of joint 'column'"):
-        demo.simulated_joints(tmp_path / "all.toml")
+        demo.with_truth(tmp_path / "all.toml", demo.simulated_joints(tmp_path / "all.toml"))
 
 
 def test_a_robot_whose_joints_hang_on_each_other_is_refused() -> None:
