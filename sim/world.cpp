@@ -36,7 +36,6 @@ Result<std::unique_ptr<World>> World::open(const robot::RobotConfig& config, con
   return world;
 }
 
-// A loop bus, and a bus of a board that is not here, are offered as an fdcanusb adapter.
 Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, const Options& options) {
   const robot::BusConfig& bus = config.buses[index];
   hal::sim::SimWire& wire = devices_->wire(index);
@@ -44,7 +43,7 @@ Result<> World::add_bus(const robot::RobotConfig& config, std::size_t index, con
   const auto add = [&](auto end) -> Result<> {
     if (!end) return Error{"bus '" + bus.name + "': " + end.message()};
     ends_.push_back(std::move(*end));
-    lines_.push_back({bus.name, std::string(type.adapter), ""});
+    lines_.push_back({bus.name, std::string(type.adapter), type.make_adapter == nullptr, ""});
     return done();
   };
   if (type.make_adapter == nullptr)
@@ -68,7 +67,7 @@ Result<> World::check(const FaultRequest& order) const {
   if (Result<> known = devices_->check(order); !known) return known;
   if (order.kind != Kind::unplug) return done();
   for (const Line& line : lines_)
-    if (line.kind == "socketcan" && is_meant(order.bus, line.name))
+    if (line.in_kernel && is_meant(order.bus, line.name))
       return Error{"bus '" + line.name + "' is an interface of the kernel; use: ip link set " + line.name + " down"};
   return done();
 }

@@ -41,7 +41,8 @@ class World {
   struct Line {
     std::string name;
     std::string kind;
-    std::string place;  // as last printed
+    bool in_kernel = false;  // an interface; no program can unplug it
+    std::string place;       // as last printed
   };
   struct Due {
     std::int64_t at_ns;

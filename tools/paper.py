@@ -296,7 +296,7 @@ def stated(root: Path) -> list[tuple[str, str, int, float]]:
     members = len(re.findall(r"^  \S.* \*?\w+_(?: = .*)?;", spine, re.MULTILINE))
     to_tick = len(paths_in(root / "supervisor/README.md", "From text to tick"))
     drive = len(paths_in(root / "ARCHITECTURE.md", "| add a device |", "; a protocol"))
-    bus = len(paths_in(root / "ARCHITECTURE.md", "| add a bus |", ";"))
+    bus = len(paths_in(root / "ARCHITECTURE.md", "| add a bus |", "; a name for"))
     return [
         ("README.md", r"ctest, about ([\d,]+) tests", sum(map(len, cpp_tests(root).values())), 0.05),
         ("README.md", r"pytest, about ([\d,]+) functions", tests, 0.05),

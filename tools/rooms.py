@@ -15,8 +15,8 @@ import lint
 BASE = "spine/core spine/wire"
 OUTSIDE = BASE + " spine/ipc spine/law spine/robot spine/robot/read"  # what the processes beside the Spine may know
 HAL = Path(__file__).parent.parent / "spine/hal"
-# A kind of bus: a folder of spine/hal/bus. A kind of device: a folder of spine/hal with a folder sim/; what only it has
-# in a robot file is read in its folder keys/ (docs/adr/0023). A new one needs no line here.
+# A kind of bus: a folder of spine/hal/bus. A kind of device: a folder of spine/hal with a folder sim/. What only one
+# kind has in a robot file is read in its folder keys/ (docs/adr/0023). A new one needs no line here.
 BUS = "spine/hal/core spine/hal/bus/loop spine/hal/bus/serial"
 BUS_KINDS = sorted(
     f"spine/hal/bus/{folder.name}"
@@ -25,7 +25,7 @@ BUS_KINDS = sorted(
 )
 BUSES = f"{BUS} {' '.join(BUS_KINDS)}"
 KINDS = sorted(f"spine/hal/{folder.parent.name}" for folder in HAL.glob("*/sim"))
-KEYS = sorted(f"spine/hal/{folder.parent.name}/keys" for folder in HAL.glob("*/keys"))
+KEYS = sorted(f"spine/hal/{folder.relative_to(HAL)}" for to in ("*/keys", "bus/*/keys") for folder in HAL.glob(to))
 DEVICES = "spine/hal/canopen " + " ".join(KINDS)
 SIMULATED = "spine/hal/physics " + " ".join(f"{kind}/sim" for kind in KINDS)
 DEVICE = BASE + " spine/robot spine/hal/core spine/hal/bus/serial spine/hal/canopen"
@@ -53,9 +53,12 @@ ALLOWED = {
         "spine/hal/core": BASE,
         "spine/hal/bus/loop": BASE + " spine/hal/core",
         "spine/hal/bus/serial": BASE + " spine/hal/core spine/hal/bus/loop",
-        **dict.fromkeys(BUS_KINDS, f"{BASE} {BUS}"),
         "spine/hal/canopen": BASE + " spine/hal/core",
-        **{kind: f"{DEVICE} {kind}/keys" if f"{kind}/keys" in KEYS else DEVICE for kind in KINDS},
+        **{
+            kind: f"{allowed} {kind}/keys" if f"{kind}/keys" in KEYS else allowed
+            for kinds, allowed in ((BUS_KINDS, f"{BASE} {BUS} spine/robot"), (KINDS, DEVICE))
+            for kind in kinds
+        },
         **{f"{kind}/sim": f"{DEVICE} spine/hal/bus/loop spine/hal/physics {kind}" for kind in KINDS},
         "spine/hal/physics": BASE + " spine/robot spine/hal/core spine/hal/bus/loop",
         "spine/hal": f"{BASE} spine/robot {BUSES} {DEVICES}",

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/open_bus.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <utility>
 
 #include "spine/hal/registry.hpp"
@@ -10,29 +8,16 @@
 namespace lithe::hal {
 
 Result<std::unique_ptr<Bus>> BusOpener::open(const robot::BusConfig& config) {
-  if (robot::facts(config.kind).is_board) return open_on_board(config);
-  if (const BusType& type = type_of(config.kind); type.open != nullptr) return type.open(config);
-  return Error{"bus '" + config.name + "' is simulated, there is nothing to open"};
-}
-
-Result<std::unique_ptr<Bus>> BusOpener::open_on_board(const robot::BusConfig& config) {
-  if (board_ == nullptr) {
-    Pi3hatBoardParams params;
-    params.polled = polled_;
-    params.reply_wait_ns = 0;
-    for (const robot::BusConfig& bus : buses_) {
-      if (!robot::facts(bus.kind).is_board) continue;
-      params.port.lines[(bus.connector - 1) % kPi3hatConnectors] = {true, bus.bitrate, bus.data_bitrate};
-      params.reply_wait_ns = std::max<std::int64_t>(params.reply_wait_ns, std::llround(1e9 * bus.reply_wait_s));
-    }
-    if (port_ == nullptr) {
-      Result<std::unique_ptr<Pi3hatPort>> opened = open_pi3hat_port(params.port);
-      if (!opened) return Error{"bus '" + config.name + "': " + opened.message()};
-      port_ = std::move(*opened);
-    }
-    board_ = std::make_shared<Pi3hatBoard>(std::move(port_), params);
+  const BusType& type = type_of(config.kind);
+  if (type.open != nullptr) return type.open(config);
+  if (type.open_board == nullptr) return Error{"bus '" + config.name + "' is simulated, there is nothing to open"};
+  std::shared_ptr<BusBoard>& board = boards_[static_cast<std::size_t>(config.kind)];
+  if (board == nullptr) {
+    Result<std::shared_ptr<BusBoard>> opened = (open_board_ ? open_board_ : type.open_board)(buses_, polled_);
+    if (!opened) return Error{"bus '" + config.name + "': " + opened.message()};
+    board = std::move(*opened);
   }
-  return std::unique_ptr<Bus>(std::make_unique<Pi3hatBus>(board_, config.connector));
+  return board->open_bus(config.connector);
 }
 
 }  // namespace lithe::hal

@@ -7,6 +7,7 @@
 
 #include "spine/hal/bus/test/pty_rig.hpp"
 #include "spine/hal/core/descriptor.hpp"
+#include "spine/hal/registry.hpp"
 
 namespace lithe::hal {
 namespace {
@@ -49,9 +50,9 @@ TEST(OpenBus, ADriveOnAUartGetsChecksumsFromTheFirstByteOn) {
 TEST(OpenBus, TheFileHasTheLastWordOnChecksums) {
   test::TestPty pty;
   robot::BusConfig config = config_of(pty);
-  config.checksums = robot::Checksums::off;
+  config.keys.fdcanusb.checksums = Checksums::off;
   EXPECT_EQ(said(pty, config).find('*'), std::string::npos);
-  config.checksums = robot::Checksums::on;
+  config.keys.fdcanusb.checksums = Checksums::on;
   EXPECT_NE(said(pty, config).find(" BF *"), std::string::npos);
 }
 
@@ -80,6 +81,23 @@ TEST(OpenBus, ABaudRateOfTheFileIsSet) {
     const auto bus = BusOpener({}, false).open(odd);
     ASSERT_FALSE(bus);
     EXPECT_NE(bus.message().find("no baud rate of 12345; use one of 115200, "), std::string::npos) << bus.message();
+  }
+}
+
+// A row that lacks half of a board would be a null call in `lithe run`, `lithe bus plan` or `lithe check`.
+TEST(OpenBus, EveryKindIsOpenedInOneWayAndABoardHasAllThatOneNeeds) {
+  for (const BusType& type : bus_types()) {
+    const robot::BusFacts& facts = robot::facts(type.kind);
+    SCOPED_TRACE(facts.word);
+    const bool board = type.open_board != nullptr;
+    EXPECT_EQ(facts.real, board != (type.open != nullptr));
+    EXPECT_EQ(board, facts.connectors > 0);
+    EXPECT_EQ(board, facts.place == robot::PlaceKey::connector);
+    EXPECT_TRUE(board || !facts.real || !facts.has_imu);
+    EXPECT_EQ(board, type.processor_of != nullptr && type.transfer_us != nullptr && type.poll_us != nullptr);
+    robot::BusConfig bus;
+    for (bus.connector = 1; board && bus.connector <= facts.connectors; ++bus.connector)
+      EXPECT_LT(type.processor_of(bus), type.processors.size());
   }
 }
 

@@ -7,6 +7,7 @@
 
 #include "spine/hal/bus/fdcanusb/fdcanusb_bus.hpp"
 #include "spine/hal/bus/fdcanusb/fdcanusb_codec.hpp"
+#include "spine/hal/bus/pi3hat/pi3hat_type.hpp"
 #include "spine/hal/bus/serial/serial_port.hpp"
 #include "spine/hal/bus/slcan/slcan_bus.hpp"
 #include "spine/hal/bus/slcan/slcan_codec.hpp"
@@ -32,17 +33,12 @@ Result<std::unique_ptr<Bus>> as_bus(const robot::BusConfig& config, Result<std::
   return std::unique_ptr<Bus>(std::move(*made));
 }
 
-Checksums checksums_of(robot::Checksums wanted) {
-  if (wanted == robot::Checksums::automatic) return Checksums::by_device;
-  return wanted == robot::Checksums::on ? Checksums::on : Checksums::off;
-}
-
 std::int64_t wait_ns(const robot::BusConfig& config) { return std::llround(1e9 * config.reply_wait_s); }
 std::uint32_t baud_of(const robot::BusConfig& config) { return config.baud == 0 ? kUsualBaud : config.baud; }
 
 Result<std::unique_ptr<Bus>> open_fdcanusb(const robot::BusConfig& config) {
   return as_bus(config, FdcanusbBus::open({.path = config.path,
-                                           .checksums = checksums_of(config.checksums),
+                                           .checksums = config.keys.fdcanusb.checksums,
                                            .reply_wait_ns = wait_ns(config),
                                            .baud = baud_of(config)}));
 }
@@ -131,7 +127,12 @@ constexpr std::array<BusType, robot::kBusFacts.size()> kBuses{{
      .echo_bytes = 4},  // OK and its line end
     {.kind = BusKind::slcan, .open = open_slcan, .text_bytes = slcan_bytes, .echo_bytes = 2},
     {.kind = BusKind::socketcan, .open = open_socketcan},
-    {.kind = BusKind::pi3hat},
+    {.kind = BusKind::pi3hat,
+     .open_board = pi3hat::open_board,
+     .processors = pi3hat::kProcessors,
+     .processor_of = pi3hat::processor_of,
+     .transfer_us = pi3hat::transfer_us,
+     .poll_us = pi3hat::poll_us},
 }};
 
 static_assert(robot::in_order(kDevices) && robot::in_order(kBuses));
@@ -141,5 +142,6 @@ static_assert(robot::in_order(kDevices) && robot::in_order(kBuses));
 const DeviceType& type_of(robot::DeviceKind kind) { return kDevices[static_cast<std::size_t>(kind)]; }
 const BusType& type_of(robot::BusKind kind) { return kBuses[static_cast<std::size_t>(kind)]; }
 std::span<const DeviceType> device_types() { return kDevices; }
+std::span<const BusType> bus_types() { return kBuses; }
 
 }  // namespace lithe::hal

@@ -12,8 +12,8 @@
 #include <string_view>
 
 #include "spine/core/result.hpp"
-#include "spine/hal/bus/pi3hat/imu.hpp"
 #include "spine/hal/canopen/canopen_pdo.hpp"
+#include "spine/hal/core/board.hpp"
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/bus_tools.hpp"
 #include "spine/hal/core/drive.hpp"
@@ -57,15 +57,25 @@ struct DeviceType {
 
 struct BusType {
   robot::BusKind kind;
-  // Null: a loop, or a board, which BusOpener opens once for all its buses.
+  // At most one of these two is set; neither: in memory. A machine has one board, on which all buses of the kind are:
+  // BusOpener opens it once, with all buses of the robot. `polled`: for tools.
   Result<std::unique_ptr<Bus>> (*open)(const robot::BusConfig&) = nullptr;
-  // Bytes of a frame on the line to the adapter, and of what the adapter answers to each command.
+  Result<std::shared_ptr<BusBoard>> (*open_board)(std::span<const robot::BusConfig>, bool polled) = nullptr;
+
+  // Planner, of an adapter: bytes of a frame on the line to it, and of what it answers to each command.
   double (*text_bytes)(const Frame&, bool outbound) = nullptr;
   double echo_bytes = 0;
+  // Planner, of a board: its processors, which one a bus is on, and the computer's time for one frame and for one
+  // question to a processor. It serves all buses of the board one after the other.
+  std::span<const std::string_view> processors{};
+  std::size_t (*processor_of)(const robot::BusConfig&) = nullptr;
+  double (*transfer_us)(std::size_t size, bool outbound) = nullptr;
+  double (*poll_us)(std::span<const robot::BusConfig>) = nullptr;
 };
 
 const DeviceType& type_of(robot::DeviceKind kind);
 const BusType& type_of(robot::BusKind kind);
 std::span<const DeviceType> device_types();
+std::span<const BusType> bus_types();
 
 }  // namespace lithe::hal

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "spine/hal/bus_actuators.hpp"
-#include "spine/hal/open_bus.hpp"
 #include "spine/hal/registry.hpp"
 
 namespace lithe::hal {
@@ -19,10 +18,10 @@ namespace {
 // Contract: as BusActuators
 class Hardware final : public Actuators {
  public:
-  Hardware(const robot::RobotConfig& config, FrameTap* tap, std::unique_ptr<Pi3hatPort> pi3hat)
+  Hardware(const robot::RobotConfig& config, FrameTap* tap, OpenBoard open_board)
       : config_(config),
         tap_(tap),
-        opener_(config.buses, false, std::move(pi3hat)),
+        opener_(config.buses, false, std::move(open_board)),
         actuators_(RawClock::calibrate(), config.guard.lost_after_misses) {}
 
   Result<> open(const MakeSimulation& make_simulation) {
@@ -127,9 +126,8 @@ class Hardware final : public Actuators {
   }
 
   ImuSource& imu_of(const robot::DeviceConfig& device) {
-    if (!robot::is_real(config_.buses[device.bus])) return simulation_->imu();
-    opener_.board()->want_imu();
-    return *opener_.board();
+    const robot::BusConfig& bus = config_.buses[device.bus];
+    return robot::is_real(bus) ? opener_.board(bus.kind).want_imu() : simulation_->imu();
   }
 
   void add_joint(const robot::JointConfig& joint) {
@@ -152,7 +150,7 @@ class Hardware final : public Actuators {
 }  // namespace
 
 Result<std::unique_ptr<Actuators>> open_actuators(const robot::RobotConfig& config, HardwareOptions options) {
-  auto hardware = std::make_unique<Hardware>(config, options.tap, std::move(options.pi3hat));
+  auto hardware = std::make_unique<Hardware>(config, options.tap, std::move(options.open_board));
   if (Result<> opened = hardware->open(options.make_simulation); !opened)
     return Error{config.path + ": " + opened.message()};
   return std::unique_ptr<Actuators>(std::move(hardware));

@@ -9,10 +9,10 @@
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/actuators.hpp"
-#include "spine/hal/bus/pi3hat/imu.hpp"
-#include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
+#include "spine/hal/core/board.hpp"
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/tap.hpp"
+#include "spine/hal/open_bus.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal {
@@ -33,9 +33,9 @@ class Simulation : public Interface {
 using MakeSimulation = std::function<Result<std::unique_ptr<Simulation>>(const robot::RobotConfig&)>;
 
 struct HardwareOptions {
-  MakeSimulation make_simulation{};      // for buses of kind "loop"; empty: a robot that has one is refused
-  FrameTap* tap = nullptr;               // gets the frames of all buses with their index in the file; null: no tap
-  std::unique_ptr<Pi3hatPort> pi3hat{};  // replaces the board, for tests; null: the board of this machine
+  MakeSimulation make_simulation{};  // for buses of kind "loop"; empty: a robot that has one is refused
+  FrameTap* tap = nullptr;           // gets the frames of all buses with their index in the file; null: no tap
+  OpenBoard open_board{};            // replaces the board, for tests; empty: the board of this machine
 };
 
 // Opens every bus and device of the robot. `config` is as load_robot returned it, which has checked it.

@@ -21,7 +21,6 @@ enum class MissPolicy { skip, stop };                      // what a missed dead
 enum class StaleAction { hold, safe_stop };                // what a silent Brain does
 enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
 enum class OtherGroups { stop, go_on };                    // what a joint's fault does to the groups it is not in
-enum class Checksums { automatic, on, off };               // of the lines to an fdcanusb
 enum class PlantKind { independent, chain, mujoco };       // coupling of simulated joints
 
 inline constexpr std::size_t kMaxSensors = 16;  // the size of Tick::sensor
@@ -75,14 +74,14 @@ struct SwapConfig {
 struct BusConfig {
   std::string name;
   BusKind kind = BusKind::loop;
-  std::string path;                        // of the serial device behind fdcanusb and slcan
-  std::string interface;                   // of socketcan, as `ip link` names it
-  std::uint32_t connector = 1;             // of a pi3hat, 1 to 5: JC1 to JC5
+  std::string path;                        // of the serial device behind an adapter
+  std::string interface;                   // of the kernel, as `ip link` names it
+  std::uint32_t connector = 1;             // of a board, from 1
   std::uint32_t bitrate = 1'000'000;       // of the arbitration phase
   std::uint32_t data_bitrate = 5'000'000;  // of CAN FD's data phase; 0 = classic CAN only
   std::uint32_t baud = 0;                  // of the UART behind `path`, if it is one; 0 = the usual 921600
-  Checksums checksums = Checksums::automatic;
-  double reply_wait_s = 0.002;  // time to wait for answers after the commands; a loop never waits
+  double reply_wait_s = 0.002;             // time to wait for answers after the commands; a loop never waits
+  BusKeys keys{};                          // that only one kind has
 };
 
 // True for an adapter behind a serial device.

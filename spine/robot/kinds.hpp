@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <string_view>
 
+#include "spine/hal/bus/fdcanusb/keys/fdcanusb_keys.hpp"
 #include "spine/hal/cia401/keys/cia401_keys.hpp"
 #include "spine/hal/cia402/keys/cia402_keys.hpp"
 #include "spine/hal/moteus/keys/moteus_keys.hpp"
@@ -25,17 +26,23 @@ enum class Protocol : std::uint8_t { own, moteus, canopen };
 enum class PlaceKey : std::uint8_t { none, path, interface, connector };
 inline constexpr std::array<std::string_view, 4> kPlaceKeys{"", "path", "interface", "connector"};
 
+// Keys of a [[bus]] that only one kind has. A bus uses those of its own kind.
+struct BusKeys {
+  hal::fdcanusb::Keys fdcanusb{};
+};
+
 struct BusFacts {
   BusKind kind;
   std::string_view word;                   // in the robot file
   bool real = true;                        // false: in memory, with simulated devices
   PlaceKey place = PlaceKey::none;         // `path`: an adapter behind a serial device
   std::uint32_t data_bitrate = 5'000'000;  // unless the file says another; 0 = classic CAN
-  bool has_own_rates = false;              // the adapter is not told bit rates
-  bool has_checksums = false;              // lines to the adapter may carry them
-  bool is_board = false;                   // all buses of this kind are on one board, with an IMU
+  std::uint32_t connectors = 0;            // that `connector` counts
+  bool has_imu = false;                    // a device that is on no bus can be there
   bool is_shared = false;                  // every program on the machine hears all its frames
+  std::string_view own_rates{};   // why the file may not give it other bit rates, and what to do; empty: it may
   std::string_view no_classic{};  // why it carries no classic frames while it is FD, and what to do; empty: it does
+  void (*read)(Reader& in, BusKeys& keys) = nullptr;  // its own keys; null: it has none
 };
 
 struct Advice {
@@ -89,19 +96,21 @@ struct DeviceFacts {
 };
 
 inline constexpr std::array<BusFacts, 5> kBusFacts{{
-    {.kind = BusKind::loop, .word = "loop", .real = false},
+    {.kind = BusKind::loop, .word = "loop", .real = false, .has_imu = true},
     {.kind = BusKind::fdcanusb,
      .word = "fdcanusb",
      .place = PlaceKey::path,
-     .has_own_rates = true,
-     .has_checksums = true,
-     .no_classic = "is an fdcanusb, which sends CAN FD; this device speaks classic CAN: use slcan or socketcan"},
+     .own_rates = "an fdcanusb has its bit rates from its own memory, 1000000 and 5000000 from the factory, and is "
+                  "not told others; leave it out",
+     .no_classic = "is an fdcanusb, which sends CAN FD; this device speaks classic CAN: use slcan or socketcan",
+     .read = [](Reader& in, BusKeys& keys) { hal::fdcanusb::read_keys(in, keys.fdcanusb); }},
     {.kind = BusKind::slcan, .word = "slcan", .place = PlaceKey::path, .data_bitrate = 0},  // most adapters are classic
     {.kind = BusKind::socketcan, .word = "socketcan", .place = PlaceKey::interface, .is_shared = true},
     {.kind = BusKind::pi3hat,
      .word = "pi3hat",
      .place = PlaceKey::connector,
-     .is_board = true,
+     .connectors = 5,
+     .has_imu = true,
      .no_classic = "is a connector with CAN FD, which sends nothing else; this device speaks classic CAN: say "
                    "data_bitrate = 0 there"},
 }};

@@ -41,7 +41,7 @@ struct SimBusType {
 constexpr std::uint32_t bit_of(InjectedFault injected) { return 1U << static_cast<unsigned>(injected); }
 
 const SimDeviceType& type_of(robot::DeviceKind kind);
-// A kind without a row, one that is in memory or on a board that is not here, is offered as an fdcanusb.
+// A kind without a row, one that is in memory or on a board that is not here, is offered as the first row says.
 const SimBusType& type_of(robot::BusKind kind);
 
 // All devices of one robot, each with the plant of its joint; a drive without a joint turns freely.

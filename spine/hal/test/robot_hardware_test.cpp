@@ -256,7 +256,7 @@ TEST(Actuators, WhatARealBusSaidOtherwiseThanAskedIsTold) {
   robot::RobotConfig config = desk_arm();
   config.buses[0].kind = robot::BusKind::fdcanusb;
   config.buses[0].path = pty.path();
-  config.buses[0].checksums = robot::Checksums::off;
+  config.buses[0].keys.fdcanusb.checksums = Checksums::off;
   config.buses[0].reply_wait_s = 0;
   Robot robot(config);
   EXPECT_EQ(robot.hardware().tell_buses(), "");

@@ -42,6 +42,14 @@ std::string what_measures() {
   return words + " or " + last;
 }
 
+// The words of real kinds of buses.
+std::string what_has_an_imu() {
+  std::string words;
+  for (const BusFacts& kind : kBusFacts)
+    if (kind.real && kind.has_imu) words += (words.empty() ? "" : " or ") + std::string(kind.word);
+  return words;
+}
+
 }  // namespace
 
 void check_bus(Reader& in, const RobotConfig& robot) {
@@ -115,8 +123,10 @@ void check_device(Reader& in, const RobotConfig& robot, const DeviceConfig& devi
   }
   if (kind.needs_classic && !carries_classic(bus))
     in.complain("bus", fmt::format("\"{}\" {}", bus.name, facts(bus.kind).no_classic));
-  if (!kind.on_bus && is_real(bus) && !facts(bus.kind).is_board)
-    in.complain("bus", fmt::format("\"{}\" is of a kind that has no imu; name a bus of the pi3hat", bus.name));
+  if (!kind.on_bus && !facts(bus.kind).has_imu) {
+    in.complain("bus",
+                fmt::format("\"{}\" is of a kind that has no imu; name a bus of the {}", bus.name, what_has_an_imu()));
+  }
 }
 
 void check_joint(Reader& in, const RobotConfig& robot, const JointConfig& joint, const DeviceConfig& device) {

@@ -143,7 +143,7 @@ TEST(Hardware, WhatAnAdapterIsNotToldIsRefused) {
       adapter + "baud = 2000000\nchecksums = \"off\"\n" + device("m", "moteus", "b", 1) + joint("j", "m"), "r.toml");
   ASSERT_TRUE(robot) << robot.message();
   EXPECT_EQ(robot->buses[0].baud, 2'000'000U);
-  EXPECT_EQ(robot->buses[0].checksums, Checksums::off);
+  EXPECT_EQ(robot->buses[0].keys.fdcanusb.checksums, hal::Checksums::off);
 }
 
 TEST(Hardware, WaitingForOneDriveMustNotStopTheOthers) {

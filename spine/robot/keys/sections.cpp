@@ -70,25 +70,6 @@ void read_swap(Reader& in, SwapConfig& swap) {
   in.finish();
 }
 
-namespace {
-
-void read_serial(Reader& in, BusConfig& bus) {
-  in.text("path", bus.path, Need::required);
-  in.integer("baud", bus.baud, {9'600, 4'000'000});
-  if (facts(bus.kind).has_checksums) {
-    in.choice<Checksums>("checksums", bus.checksums,
-                         {{"auto", Checksums::automatic}, {"on", Checksums::on}, {"off", Checksums::off}});
-  }
-  if (!facts(bus.kind).has_own_rates) return;
-  if (bus.bitrate != 1'000'000 || bus.data_bitrate != 5'000'000) {
-    in.complain(bus.bitrate != 1'000'000 ? "bitrate" : "data_bitrate",
-                "an fdcanusb has its bit rates from its own memory, 1000000 and 5000000 from the factory, and is not "
-                "told others; leave it out");
-  }
-}
-
-}  // namespace
-
 void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
   in.choice<BusKind>("kind", bus.kind, words_of(kBusFacts), Need::required);
   const BusFacts& kind = facts(bus.kind);
@@ -97,9 +78,16 @@ void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
   in.integer("data_bitrate", bus.data_bitrate, {0, kMostDataBitrate});
   if (is_fd(bus) && bus.data_bitrate < bus.bitrate)
     in.complain("data_bitrate", "is slower than bitrate; 0 means classic CAN only");
-  if (is_serial(bus)) read_serial(in, bus);
+  if (is_serial(bus)) {
+    in.text("path", bus.path, Need::required);
+    in.integer("baud", bus.baud, {9'600, 4'000'000});
+  }
+  if (kind.read != nullptr) kind.read(in, bus.keys);
+  if (!kind.own_rates.empty() && (bus.bitrate != BusConfig{}.bitrate || bus.data_bitrate != kind.data_bitrate))
+    in.complain(bus.bitrate != BusConfig{}.bitrate ? "bitrate" : "data_bitrate", std::string(kind.own_rates));
   if (kind.place == PlaceKey::interface) in.text("interface", bus.interface, Need::required);
-  if (kind.place == PlaceKey::connector) in.integer("connector", bus.connector, {1, 5}, Need::required);
+  if (kind.place == PlaceKey::connector)
+    in.integer("connector", bus.connector, {1, static_cast<double>(kind.connectors)}, Need::required);
   // Behind a serial line an answer takes longer than a fast tick. On other buses a lost answer must not delay the next
   // tick.
   constexpr double kShareOfTick = 0.96;

@@ -43,7 +43,7 @@ class FrameSource {
   virtual std::uint64_t errors(std::size_t /*bus*/) const { return 0; }
 };
 
-// Opens buses itself and sends nothing on them. It has a serial adapter or a pi3hat to itself; a CAN interface is
+// Opens buses itself and sends nothing on them. It has a serial adapter or a board to itself; a CAN interface is
 // shared.
 class BusListener final : public FrameSource {
  public:

@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "spine/hal/bus/serial/serial_port.hpp"
+#include "spine/hal/registry.hpp"
 
 namespace lithe::bus {
 
@@ -22,10 +23,6 @@ using robot::RobotConfig;
 constexpr double kTurnAroundUs = 200;
 constexpr double kUsbBytesPerS = 1e6;  // of the 1.2 MB/s that USB at full speed has for bulk data
 constexpr double kBitsPerByte = 10;    // start, eight, stop
-constexpr double kSpiPollUs = 15;
-constexpr double kPollsInSteps = 4;  // two for what is old, two for what is new (Pi3hatBoard)
-
-constexpr std::array<const char*, 3> kProcessors{"JC1+JC2", "JC3+JC4", "JC5"};
 
 // Judged by the device file that the path leads to, if it exists here: a symbolic link may have any name.
 bool is_uart(const std::string& path) {
@@ -139,18 +136,15 @@ void judge(BusPlan& bus, const Use& use, double rate_hz) {
                 rate_for(byte_s * use.per_tick.in_bytes, byte_s * use.per_s.in_bytes)});
 }
 
-// The buses of a pi3hat work in parallel, but one Raspberry Pi transfers all their frames over SPI.
-void share_spi(const RobotConfig& robot, const std::vector<Use>& uses, Plan& plan) {
-  std::array<std::vector<double>, kProcessors.size()> us;
+// The buses of a board work in parallel, but one computer transfers all their frames over SPI.
+void share_spi(const hal::BusType& board, const RobotConfig& robot, const std::vector<Use>& uses, Plan& plan) {
+  std::vector<std::vector<double>> us(board.processors.size());
   std::vector<double> all;
   double pair_us = 0;  // the last command and the answer to it
-  const bool in_steps = std::any_of(robot.buses.begin(), robot.buses.end(), [](const robot::BusConfig& bus) {
-    return robot::facts(bus.kind).is_board && !is_fd(bus);
-  });
-  const double poll_us = in_steps ? kPollsInSteps * kSpiPollUs : kSpiPollUs;
+  const double poll_us = board.poll_us(robot.buses);
   for (std::size_t i = 0; i < robot.buses.size(); ++i) {
-    if (!robot::facts(robot.buses[i].kind).is_board || plan.buses[i].devices.empty()) continue;
-    std::vector<double>& mine = us[std::min<std::size_t>((robot.buses[i].connector - 1) / 2, us.size() - 1)];
+    if (robot.buses[i].kind != board.kind || plan.buses[i].devices.empty()) continue;
+    std::vector<double>& mine = us[board.processor_of(robot.buses[i])];
     all.resize(uses[i].ticks.size());
     if (mine.empty()) {
       mine.resize(all.size(), poll_us);
@@ -163,12 +157,14 @@ void share_spi(const RobotConfig& robot, const std::vector<Use>& uses, Plan& pla
     pair_us = std::max(pair_us, uses[i].longest_there_us + uses[i].longest_back_us);
   }
   if (all.empty()) return;
-  plan.spi_us = *std::max_element(all.begin(), all.end());
+  const double spi_us = *std::max_element(all.begin(), all.end());
+  plan.spi_us = std::max(plan.spi_us, spi_us);
   for (std::size_t i = 0; i < us.size(); ++i)
-    if (!us[i].empty()) plan.spi.push_back({kProcessors[i], *std::max_element(us[i].begin(), us[i].end())});
+    if (!us[i].empty())
+      plan.spi.push_back({board.kind, std::string(board.processors[i]), *std::max_element(us[i].begin(), us[i].end())});
   for (BusPlan& bus : plan.buses) {
-    if (!robot::facts(bus.kind).is_board || bus.devices.empty()) continue;
-    bus.cycle_us = std::max(bus.cycle_us, plan.spi_us + kTurnAroundUs + pair_us);
+    if (bus.kind != board.kind || bus.devices.empty()) continue;
+    bus.cycle_us = std::max(bus.cycle_us, spi_us + kTurnAroundUs + pair_us);
   }
 }
 
@@ -217,7 +213,8 @@ Plan plan_at(const RobotConfig& robot, const PlanOptions& options) {
   const std::uint32_t ticks = ticks_of(robot);
   std::vector<Use> uses;
   for (BusPlan& bus : plan.buses) judge(bus, uses.emplace_back(use_of(bus, plan.rate_hz, ticks)), plan.rate_hz);
-  share_spi(robot, uses, plan);
+  for (const hal::BusType& type : hal::bus_types())
+    if (type.transfer_us != nullptr) share_spi(type, robot, uses, plan);
   for (BusPlan& bus : plan.buses) {
     if (bus.cycle_us > 0) bus.highest_rate_hz = std::min(bus.highest_rate_hz, 1e6 / bus.cycle_us);
     plan.fits = plan.fits && fits(bus, plan);

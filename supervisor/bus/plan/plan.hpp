@@ -47,8 +47,9 @@ struct BusPlan {
   double load() const { return load_worst > text_load ? load_worst : text_load; }
 };
 
-// One processor of a pi3hat. The Raspberry Pi serves them one after the other.
+// One processor of a board. The computer serves them one after the other.
 struct SpiPlan {
+  robot::BusKind kind = robot::BusKind::loop;
   std::string processor;
   double us = 0;  // in the tick that asks most
 };

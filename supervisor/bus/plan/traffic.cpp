@@ -17,13 +17,6 @@ using robot::BusConfig;
 
 constexpr std::uint32_t kSamples = 64;
 
-// Time of a pi3hat's SPI transaction: hold times and bytes, header included. The figures are from its host library; the
-// result is within 10 % of the published 740 us for twelve servos with 24 bytes out and 16 back.
-constexpr double kSpiHoldUs = 9.0;
-constexpr double kSpiByteUs = 0.8;
-constexpr double kSpiWriteHead = 10;
-constexpr double kSpiReadHead = 6;
-
 Frame sample_of(const PlannedFrame& kind, std::uint32_t number, std::mt19937& random) {
   Frame frame;
   frame.id = kind.id_of(number);
@@ -49,13 +42,10 @@ Traffic cost(const PlannedFrame& kind, const BusConfig& bus, Detail detail) {
   traffic.unasked = kind.unasked;
   traffic.per_tick = kind.per_tick;
   traffic.per_s = kind.per_s;
-  if (robot::facts(bus.kind).is_board) {
-    const double head = kind.outbound ? kSpiWriteHead : kSpiReadHead;
-    traffic.spi_us = kSpiHoldUs + kSpiByteUs * (static_cast<double>(kind.size) + head);
-  }
+  const hal::BusType& type = hal::type_of(bus.kind);
+  if (type.transfer_us != nullptr) traffic.spi_us = type.transfer_us(kind.size, kind.outbound);
   if (!kind.on_bus) return traffic;
   const hal::BitRates rates{bus.bitrate, std::max(bus.bitrate, bus.data_bitrate)};
-  const hal::BusType& type = hal::type_of(bus.kind);
   std::mt19937 random(1);
   const std::uint32_t samples = detail == Detail::all ? kSamples : 1;
   for (std::uint32_t i = 0; i < samples; ++i) {

@@ -25,7 +25,7 @@ struct Traffic {
   double worst_us = 0;        //
   double text_out_bytes = 0;  // each, on the line to a serial adapter, and back
   double text_in_bytes = 0;   //
-  double spi_us = 0;          // each, between a Raspberry Pi and the pi3hat's processor
+  double spi_us = 0;          // each, between the computer and a board's processor
 };
 
 enum class Detail { all, worst_only };  // averages take a hundred times as long as all the rest

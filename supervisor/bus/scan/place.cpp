@@ -8,6 +8,7 @@
 #include <charconv>
 #include <filesystem>
 
+#include "spine/hal/registry.hpp"
 #include "spine/robot/robot.hpp"
 #include "supervisor/bus/plan/report.hpp"
 
@@ -52,8 +53,11 @@ std::string wrong_bitrates(const robot::BusConfig& bus) {
 
 Result<Choice> choose_given(robot::BusConfig bus, const Words& words) {
   if (!words.bus.empty()) return Error{"--bus picks one of a robot file's buses; '" + words.what + "' is one already"};
-  if (robot::facts(bus.kind).place == PlaceKey::connector && (bus.connector < 1 || bus.connector > 5))
-    return Error{words.what + ": a pi3hat has the connectors 1 to 5: pi3hat:1"};
+  const robot::BusFacts& kind = robot::facts(bus.kind);
+  if (kind.place == PlaceKey::connector && (bus.connector < 1 || bus.connector > kind.connectors)) {
+    return Error{
+        fmt::format("{}: a {} has the connectors 1 to {}: {}:1", words.what, kind.word, kind.connectors, kind.word)};
+  }
   bus.bitrate = words.bitrate.value_or(bus.bitrate);
   bus.data_bitrate = words.data_bitrate.value_or(bus.data_bitrate);
   if (const std::string wrong = wrong_bitrates(bus); !wrong.empty()) return Error{wrong};
@@ -130,7 +134,7 @@ bool same_hardware(const robot::BusConfig& a, const robot::BusConfig& b) {
   }
   if (a.kind != b.kind) return false;
   if (robot::facts(a.kind).place == PlaceKey::interface) return a.interface == b.interface;
-  return robot::facts(a.kind).is_board;  // one board, used by one program as a whole
+  return hal::type_of(a.kind).open_board != nullptr;  // used by one program as a whole
 }
 
 }  // namespace lithe::bus

@@ -15,7 +15,7 @@ namespace lithe::bus {
 
 // The arguments of the command line.
 struct Words {
-  std::string what;   // a robot file, or "socketcan:can0", "fdcanusb:/dev/ttyACM0", "slcan:/dev/ttyACM1", "pi3hat:1"
+  std::string what;   // a robot file, or a bus as bus_forms() says
   std::string bus{};  // of the file, by name; empty = all
   // Bit rates of a bus given as KIND:PLACE; default: those of a robot file without these keys.
   std::optional<std::uint32_t> bitrate{};
@@ -32,14 +32,14 @@ struct Choice {
 // Contract: not RT · reads the robot file, opens no bus
 Result<Choice> choose(const Words& words);
 
-// The forms of KIND:PLACE for all kinds of buses: "fdcanusb:PATH slcan:PATH ...".
+// The forms of KIND:PLACE for all kinds of real buses, a space between two.
 std::string bus_forms();
 
 // The protocol of the file's devices on this bus. Without a file: that of the first kind of device that needs such a
 // bus, with CAN FD or without.
 robot::Protocol protocol_of(const robot::RobotConfig& robot, std::size_t bus);
 
-// "fdcanusb:/dev/ttyACM0"; "loop" for one in memory.
+// "KIND:PLACE"; "loop" for one in memory.
 std::string place_of(const robot::BusConfig& bus);
 
 // True when both are the same hardware, also under two names; two loop buses are never the same.

@@ -46,7 +46,7 @@ void print_plan(const bus::Plan& plan, const robot::RobotConfig& robot) {
     for (const bus::DevicePlan& device : each.devices) print_device(device, robot.devices[device.device]);
   }
   for (const bus::SpiPlan& each : plan.spi)
-    fmt::print("pi3hat {:<8} {:.0f} us of SPI a tick\n", each.processor, each.us);
+    fmt::print("{} {:<8} {:.0f} us of SPI a tick\n", robot::word(each.kind), each.processor, each.us);
   if (loops) fmt::print("\n* in memory: planned as the CAN bus that it stands for\n");
   fmt::print("\n{}; the highest rate that fits: {} Hz\n", plan.fits ? "fits" : "DOES NOT FIT",
              hertz(plan.highest_rate_hz));

@@ -10,16 +10,10 @@
 #include <string_view>
 
 #include "spine/core/result.hpp"
+#include "spine/hal/bus/fdcanusb/keys/fdcanusb_keys.hpp"
 #include "spine/hal/bus/serial/text_bus.hpp"
 
 namespace lithe::hal {
-
-enum class Checksums : std::uint8_t {
-  off,        // never sent
-  on,         // sent with every line, and demanded of every answer
-  automatic,  // as `on`, after the adapter has sent or demanded one
-  by_device,  // as `automatic` for an fdcanusb (USB has checksums), else as `on`
-};
 
 struct FdcanusbParams {
   std::string path;

@@ -14,6 +14,10 @@ Pi3hatBoard::Pi3hatBoard(std::unique_ptr<Pi3hatPort> port, const Pi3hatBoardPara
   for (std::size_t i = 0; i < lines_.size(); ++i) lines_[i].fd = params.port.lines[i].data_bitrate > 0;
 }
 
+std::unique_ptr<Bus> Pi3hatBoard::open_bus(std::uint32_t connector) {
+  return std::make_unique<Pi3hatBus>(shared_from_this(), connector);
+}
+
 // The board has no format or id type per frame: the connector decides the format, the value of the id its type.
 bool Pi3hatBoard::send(std::uint32_t connector, const Frame& frame, bool answered) LITHE_RT {
   const bool sayable = frame.fd == line(connector).fd && frame.extended == (frame.id > kLargestStandardId);

@@ -12,8 +12,8 @@
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
-#include "spine/hal/bus/pi3hat/imu.hpp"
 #include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
+#include "spine/hal/core/board.hpp"
 #include "spine/hal/core/bus.hpp"
 
 namespace lithe::hal {
@@ -32,7 +32,7 @@ struct Pi3hatBoardParams {
 // belongs to; the answer of a CANopen drive does not, and has two frames. So with a classic connector an exchange has
 // three steps: read old frames, send without reading, then poll until the answers are there.
 // Contract: as Bus · used through Pi3hatBus and ImuSource, from one thread, but why_down()
-class Pi3hatBoard final : public ImuSource {
+class Pi3hatBoard final : public BusBoard, public ImuSource, public std::enable_shared_from_this<Pi3hatBoard> {
  public:
   Pi3hatBoard(std::unique_ptr<Pi3hatPort> port, const Pi3hatBoardParams& params);
 
@@ -42,9 +42,11 @@ class Pi3hatBoard final : public ImuSource {
     listen_ |= 1U << connector;
     in_steps_ = !params_.polled && (in_steps_ || !line(connector).fd);
   }
-  // Enables the IMU.
-  // Contract: before the first exchange
-  void want_imu() { wants_imu_ = true; }
+  std::unique_ptr<Bus> open_bus(std::uint32_t connector) override;
+  ImuSource& want_imu() override {
+    wants_imu_ = true;
+    return *this;
+  }
 
   void begin(std::int64_t now_ns) LITHE_RT;
   // False: no room, or this connector cannot send such a frame.

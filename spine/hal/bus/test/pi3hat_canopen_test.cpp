@@ -38,7 +38,7 @@ class Pi3hatCanopen : public testing::Test {
     ASSERT_TRUE(made) << made.message();
     board_.nodes = std::move(*made);
     for (std::size_t i = 0; i < config.buses.size(); ++i) board_.nodes.attach(config, i, board_.lines[i]);
-    auto opened = open_actuators(config, {.pi3hat = std::make_unique<BoardPort>(board_)});
+    auto opened = open_actuators(config, {.open_board = opens(board_)});
     ASSERT_TRUE(opened) << opened.message();
     actuators_ = std::move(*opened);
     for (int i = 0; i < 2000 && fresh() < kJoints; ++i) tick();

@@ -6,10 +6,12 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 
 #include "spine/hal/bus/loop/loop_bus.hpp"
-#include "spine/hal/bus/pi3hat/pi3hat_port.hpp"
+#include "spine/hal/bus/pi3hat/pi3hat_type.hpp"
+#include "spine/hal/open_bus.hpp"
 #include "spine/hal/sim/simulate.hpp"
 
 namespace lithe::hal {
@@ -118,5 +120,13 @@ class BoardPort final : public Pi3hatPort {
   std::size_t count_ = 0;
   std::int64_t last_ns_ = -1;
 };
+
+// Opens this board in place of the machine's.
+inline OpenBoard opens(Board& board) {
+  return [&board](std::span<const robot::BusConfig> buses, bool polled) -> Result<std::shared_ptr<BusBoard>> {
+    return std::shared_ptr<BusBoard>(
+        std::make_shared<Pi3hatBoard>(std::make_unique<BoardPort>(board), pi3hat::board_params(buses, polled)));
+  };
+}
 
 }  // namespace lithe::hal

@@ -41,7 +41,7 @@ class Pi3hat : public testing::Test {
     board_.nodes = std::move(*made);
     for (std::size_t i = 0; i < config.buses.size(); ++i)
       board_.nodes.attach(config, i, board_.lines[config.buses[i].connector - 1]);
-    auto opened = open_actuators(config, {.pi3hat = std::make_unique<BoardPort>(board_)});
+    auto opened = open_actuators(config, {.open_board = opens(board_)});
     ASSERT_TRUE(opened) << opened.message();
     actuators_ = std::move(*opened);
   }
@@ -187,7 +187,7 @@ class Pi3hatLines : public testing::Test {
     std::vector<robot::BusConfig> buses(1);
     buses[0].kind = robot::BusKind::pi3hat;
     buses[0].data_bitrate = data_bitrate;
-    line_ = std::move(*BusOpener(buses, polled, std::make_unique<BoardPort>(board_)).open(buses[0]));
+    line_ = std::move(*BusOpener(buses, polled, opens(board_)).open(buses[0]));
   }
   static Frame frame(std::uint32_t id, bool extended, bool fd, std::uint8_t size) {
     Frame made;

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Interface of a board's IMU: attitude, angular rate, acceleration.
+// A board that several buses and an IMU are on, and the IMU: attitude, angular rate, acceleration.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 
 #include "spine/core/rt.hpp"
+#include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/sensors.hpp"
 
 namespace lithe::hal {
@@ -26,6 +28,21 @@ class ImuSource : public Interface {
  public:
   // The newest reading; the caller checks its age.
   virtual const ImuReading& imu(std::int64_t now_ns) LITHE_RT = 0;
+};
+
+// What all buses of one board share.
+// Contract: never in the tick · made as a shared pointer; its buses keep it alive
+class BusBoard {
+ public:
+  BusBoard() = default;
+  BusBoard(const BusBoard&) = delete;
+  BusBoard& operator=(const BusBoard&) = delete;
+  virtual ~BusBoard() = default;
+  // The bus of this connector, from 1.
+  virtual std::unique_ptr<Bus> open_bus(std::uint32_t connector) = 0;
+  // The IMU, which every exchange reads from now on.
+  // Contract: before the first exchange
+  virtual ImuSource& want_imu() = 0;
 };
 
 // The IMU of a board as a device. It is on no bus.
