@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
@@ -35,7 +35,7 @@ class Verb:
     name: str
     what: str
     effect: Effect = Effect.reads
-    args: tuple[tuple[str, Schema], ...] = ()
+    args: dict[str, Schema] = field(default_factory=dict)
     required: tuple[str, ...] = ()
     first: bool = False
     commands: tuple[str, ...] = ()
@@ -44,7 +44,7 @@ class Verb:
         """The arguments, as one JSON Schema."""
         return {
             "type": "object",
-            "properties": dict(self.args),
+            "properties": self.args,
             "required": list(self.required),
             "additionalProperties": False,
         }
@@ -54,40 +54,34 @@ class Verb:
         return {"verb": self.name, "what": self.what, "effect": self.effect.value, "args": self.schema()}
 
 
-def _number(what: str, **more: Any) -> Schema:
-    return {"type": "number", "description": what, **more}
+def _of(kind: str) -> Callable[..., Schema]:
+    """Makes schemas of that type: what it is, and more of JSON Schema's words."""
+    return lambda what, **more: {"type": kind, "description": what, **more}
 
 
-def _integer(what: str, **more: Any) -> Schema:
-    return {"type": "integer", "description": what, **more}
+def _list(of: Schema, what: str, **more: Any) -> Schema:
+    return {"type": "array", "items": of, "description": what, **more}
 
 
-def _text(what: str) -> Schema:
-    return {"type": "string", "description": what}
-
-
+_number, _integer, _text, _flag = (_of(kind) for kind in ("number", "integer", "string", "boolean"))
 _VALUES: Schema = {
     "type": "object",
     "description": "parameter name -> value; all are set in one tick, or none",
     "additionalProperties": {"type": "number"},
 }
-_FIELDS: Schema = {
-    "type": "array",
-    "items": {"type": "string"},
-    "description": "telemetry fields, as in the document telemetry; a wrong name is refused with the list of all",
-}
+_FIELDS = _list(
+    {"type": "string"}, "telemetry fields, as in the document telemetry; a wrong name is refused with the list of all"
+)
+_NUMBERS: Schema = {"type": "array", "items": {"type": "number"}}
 _EACH: Schema = {
     "description": "one number for all joints, or one for each",
-    "anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}],
+    "anyOf": [{"type": "number"}, _NUMBERS],
 }
-_SOURCE = ("source", _text("the whole law: C++ that includes <lithe/law.hpp>"))
-_NAME = ("name", _text("its name in diagnostics and certificate, for example pd.cpp"))
-_WAYPOINTS: Schema = {
-    "type": "array",
-    "description": "one row per waypoint, one number per joint",
-    "items": {"type": "array", "items": {"type": "number"}},
-    "maxItems": 16,
+_LAW = {
+    "source": _text("the whole law: C++ that includes <lithe/law.hpp>"),
+    "name": _text("its name in diagnostics and certificate, for example pd.cpp"),
 }
+_WAYPOINTS = _list(_NUMBERS, "one row per waypoint, one number per joint", maxItems=16)
 
 VERBS = (
     Verb(
@@ -104,10 +98,10 @@ VERBS = (
     Verb(
         "events",
         "What happened: events with kind and text, the newest last.",
-        args=(
-            ("since", _integer("the cursor of an earlier answer", minimum=0)),
-            ("limit", _integer("at most so many; without since, the newest", minimum=1)),
-        ),
+        args={
+            "since": _integer("the cursor of an earlier answer", minimum=0),
+            "limit": _integer("at most so many; without since, the newest", minimum=1),
+        },
     ),
     Verb(
         "incidents",
@@ -117,36 +111,36 @@ VERBS = (
     Verb(
         "incident",
         "One of them: what happened, extremes of each joint, the events of that time, the file of its telemetry.",
-        args=(("id", _integer("its number; 0 or left out: the newest", minimum=0)),),
+        args={"id": _integer("its number; 0 or left out: the newest", minimum=0)},
         commands=("incident show",),
     ),
-    Verb("latest", "The newest telemetry record.", args=(("fields", _FIELDS),)),
+    Verb("latest", "The newest telemetry record.", args={"fields": _FIELDS}),
     Verb(
         "history",
         "Columns of telemetry: every tick of the last 4096, and before them every 20th of the last 60 s (`thinned`). "
         "A tool's answer has at most 65536 bytes, about 5000 numbers: choose fields and joints.",
-        args=(
-            ("seconds", _number("how far back, at most 60", exclusiveMinimum=0)),
-            ("since_tick", _integer("only ticks after this one", minimum=0)),
-            ("until_tick", _integer("no ticks after this one", minimum=0)),
-            ("every", _integer("only ticks that it divides", minimum=1)),
-            ("joints", {"type": "array", "items": {"type": "string"}, "description": "names; columns of these only"}),
-            ("fields", _FIELDS),
-        ),
+        args={
+            "seconds": _number("how far back, at most 60", exclusiveMinimum=0),
+            "since_tick": _integer("only ticks after this one", minimum=0),
+            "until_tick": _integer("no ticks after this one", minimum=0),
+            "every": _integer("only ticks that it divides", minimum=1),
+            "joints": _list({"type": "string"}, "names; columns of these only"),
+            "fields": _FIELDS,
+        },
     ),
     Verb(
         "measure",
         "How well the running law follows: each joint's error (rms, median, largest) and torque, missed ticks, for "
         "how long no plan was followed, and in which share of the ticks the guard changed a joint's torque, with the "
         "flags of these ticks. Mode active only.",
-        args=(("seconds", _number("how far back, at most 60 (default 4)", exclusiveMinimum=0)),),
+        args={"seconds": _number("how far back, at most 60 (default 4)", exclusiveMinimum=0)},
     ),
     Verb("state", "The running law's State, name -> value."),
     Verb("documents", "What there is to read: the contract of a law, rules, usual mistakes, laws, swaps so far."),
     Verb(
         "document",
         "The text of one of them.",
-        args=(("name", _text("as documents lists it: contract, rules, mistakes, swaps, swaps/0007.cpp ...")),),
+        args={"name": _text("as documents lists it: contract, rules, mistakes, swaps, swaps/0007.cpp ...")},
         required=("name",),
         commands=("law show",),
     ),
@@ -155,7 +149,7 @@ VERBS = (
     Verb(
         "law_check",
         "Compiles a law and runs it on harmless inputs. Nothing reaches the robot.",
-        args=(_SOURCE, _NAME),
+        args=_LAW,
         required=("source",),
     ),
     Verb(
@@ -163,58 +157,42 @@ VERBS = (
         "Replaces the running law, once the new one has passed compiler, admission and trial. Returns the certificate; "
         "with wait, when the probation is over: verdict, rms errors of old and new law, why it was rolled back.",
         Effect.moves,
-        args=(
-            _SOURCE,
-            _NAME,
-            ("params", _VALUES),
-            (
-                "supersede",
-                {"type": "boolean", "description": "replaces this client's older waiting request of this name"},
-            ),
-            ("blend_s", _number("from the old torque to the new one's", minimum=0)),
-            ("probation_s", _number("automatic rollback during this time", minimum=0)),
-            ("error_ratio", _number("how much worse tracking may get before the rollback", minimum=0)),
-            ("shadow_s", _number("first computes beside the running law for this time", minimum=0)),
-            ("shadow_tolerance_nm", _number("how far it may differ meanwhile", minimum=0)),
-            ("promote", {"type": "boolean", "description": "false: it is only compared, for shadow_s, and never runs"}),
-            ("budget_us", _number("longest step", exclusiveMinimum=0)),
-            ("box_ms", _number("time of the trial", exclusiveMinimum=0)),
-            (
-                "brief",
-                {"type": "boolean", "description": "true: less than 1 kB; the certificate is the document it names"},
-            ),
-            (
-                "wait",
-                {
-                    "type": "boolean",
-                    "description": "true (the default with brief): answers when its probation is over; false: at once",
-                },
-            ),
-        ),
+        args={
+            **_LAW,
+            "params": _VALUES,
+            "supersede": _flag("replaces this client's older waiting request of this name"),
+            "blend_s": _number("from the old torque to the new one's", minimum=0),
+            "probation_s": _number("automatic rollback during this time", minimum=0),
+            "error_ratio": _number("how much worse tracking may get before the rollback", minimum=0),
+            "shadow_s": _number("first computes beside the running law for this time", minimum=0),
+            "shadow_tolerance_nm": _number("how far it may differ meanwhile", minimum=0),
+            "promote": _flag("false: it is only compared, for shadow_s, and never runs"),
+            "budget_us": _number("longest step", exclusiveMinimum=0),
+            "box_ms": _number("time of the trial", exclusiveMinimum=0),
+            "brief": _flag("true: less than 1 kB; the certificate is the document it names"),
+            "wait": _flag("true (the default with brief): answers when its probation is over; false: at once"),
+        },
         required=("source",),
         commands=("swap hold",),
     ),
     Verb(
         "lease",
         "Who has the right to move the robot; with take: true, this client takes it, and others are refused (leased).",
-        args=(
-            ("take", {"type": "boolean", "description": "true: take or prolong it; false: give it back"}),
-            (
-                "seconds",
-                _number("it ends so long after the holder's last moving verb", exclusiveMinimum=0, maximum=600),
-            ),
-        ),
+        args={
+            "take": _flag("true: take or prolong it; false: give it back"),
+            "seconds": _number("it ends so long after the holder's last moving verb", exclusiveMinimum=0, maximum=600),
+        },
     ),
     Verb(
         "set_params",
         "Changes parameters of the running law, after a trial. With wait, the answer says which of them went back.",
         Effect.moves,
-        args=(
-            ("values", _VALUES),
-            ("name", _text("of one parameter")),
-            ("value", _number("its value")),
-            ("wait", {"type": "boolean", "description": "true: answers when their probation is over, in short"}),
-        ),
+        args={
+            "values": _VALUES,
+            "name": _text("of one parameter"),
+            "value": _number("its value"),
+            "wait": _flag("true: answers when their probation is over, in short"),
+        },
         first=True,
         commands=("param set",),
     ),
@@ -222,22 +200,12 @@ VERBS = (
         "publish",
         "A plan: up to 16 waypoints that the Spine follows.",
         Effect.moves,
-        args=(
-            (
-                "t_ns",
-                {
-                    "type": "array",
-                    "items": {"type": "integer"},
-                    "description": "CLOCK_MONOTONIC, ns; see describe.now_ns",
-                },
-            ),
-            ("position_rad", _WAYPOINTS),
-            ("velocity_rad_s", _WAYPOINTS),
-            (
-                "streaming",
-                {"type": "boolean", "description": "more plans follow: the last waypoint is passed, not a rest"},
-            ),
-        ),
+        args={
+            "t_ns": _list({"type": "integer"}, "CLOCK_MONOTONIC, ns; see describe.now_ns"),
+            "position_rad": _WAYPOINTS,
+            "velocity_rad_s": _WAYPOINTS,
+            "streaming": _flag("more plans follow: the last waypoint is passed, not a rest"),
+        },
         required=("t_ns", "position_rad"),
         first=True,
     ),
@@ -245,26 +213,23 @@ VERBS = (
         "set_reference",
         "Streams a reference from now on; faded in from where the joints are, checked against their limits first.",
         Effect.moves,
-        args=(
-            ("kind", {"type": "string", "enum": ["rest", "steps", "sine", "multisine", "chirp", "waypoints"]}),
-            ("centre_rad", _EACH),
-            ("amplitude_rad", _EACH),
-            ("phase_rad", _EACH),
-            ("frequency_hz", {**_EACH, "description": "sine: one, or one for each joint; multisine: up to 64"}),
-            ("from_hz", _number("chirp: its first frequency", exclusiveMinimum=0)),
-            ("to_hz", _number("chirp: its last frequency", exclusiveMinimum=0)),
-            ("duration_s", _number("chirp: its length", exclusiveMinimum=0)),
-            ("t_s", {"type": "array", "items": {"type": "number"}, "description": "waypoints: ascending times"}),
-            (
-                "position_rad",
-                {**_WAYPOINTS, "description": "steps, waypoints: rows of one number per joint", "maxItems": 1000},
-            ),
-            ("every_s", _number("steps: from one to the next", exclusiveMinimum=0)),
-            ("rise_s", _number("steps: how long a step takes", exclusiveMinimum=0)),
-            ("ramp_s", _number("how long it takes to fade in", exclusiveMinimum=0)),
-            ("stay", {"type": "boolean", "description": "it goes on when this client leaves or is silent"}),
-            ("client_stale_s", _number("silence of this client after which it ends (default 5)", exclusiveMinimum=0)),
-        ),
+        args={
+            "kind": {"type": "string", "enum": ["rest", "steps", "sine", "multisine", "chirp", "waypoints"]},
+            "centre_rad": _EACH,
+            "amplitude_rad": _EACH,
+            "phase_rad": _EACH,
+            "frequency_hz": {**_EACH, "description": "sine: one, or one for each joint; multisine: up to 64"},
+            "from_hz": _number("chirp: its first frequency", exclusiveMinimum=0),
+            "to_hz": _number("chirp: its last frequency", exclusiveMinimum=0),
+            "duration_s": _number("chirp: its length", exclusiveMinimum=0),
+            "t_s": _list({"type": "number"}, "waypoints: ascending times"),
+            "position_rad": _list(_NUMBERS, "steps, waypoints: rows of one number per joint", maxItems=1000),
+            "every_s": _number("steps: from one to the next", exclusiveMinimum=0),
+            "rise_s": _number("steps: how long a step takes", exclusiveMinimum=0),
+            "ramp_s": _number("how long it takes to fade in", exclusiveMinimum=0),
+            "stay": _flag("it goes on when this client leaves or is silent"),
+            "client_stale_s": _number("silence of this client after which it ends (default 5)", exclusiveMinimum=0),
+        },
         required=("kind",),
         first=True,
         commands=("move", "jog"),
@@ -292,14 +257,14 @@ VERBS = (
         "rollback",
         "An earlier law runs again, with its state. The answer has the law that it left, and those that are gone.",
         Effect.stops,
-        args=(("steps", _integer("how many laws back", minimum=1, maximum=4)),),
+        args={"steps": _integer("how many laws back", minimum=1, maximum=4)},
         first=True,
     ),
     Verb(
         "activate",
         "That law runs again, with its state; one of those that ran before and are still loaded (law_list).",
         Effect.stops,
-        args=(("law", {"description": "its name, or its law_id", "anyOf": [{"type": "string"}, {"type": "integer"}]}),),
+        args={"law": {"description": "its name, or its law_id", "anyOf": [{"type": "string"}, {"type": "integer"}]}},
         required=("law",),
         first=True,
         commands=("law activate",),
@@ -339,8 +304,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 def check_names(verb: Verb, args: dict[str, Any]) -> None:
     """Raises Refused for the first argument that `verb` does not have. The values are for the verb to check."""
-    known = dict(verb.args)
     for name in args:
-        if name not in known:
-            next_step = nearest(name, known) if known else "it takes none"
+        if name not in verb.args:
+            next_step = nearest(name, verb.args) if verb.args else "it takes none"
             raise Refused("usage", f"'{verb.name}' has no argument '{name}'", next_step)

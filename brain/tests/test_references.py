@@ -263,5 +263,5 @@ def test_every_kind_of_the_table_is_offered() -> None:
     """The verb's schema names them all."""
     from lithe.vocabulary import BY_NAME
 
-    kinds = dict(BY_NAME["set_reference"].args)["kind"]["enum"]
+    kinds = BY_NAME["set_reference"].args["kind"]["enum"]
     assert sorted(kinds) == sorted(["rest", *KINDS])

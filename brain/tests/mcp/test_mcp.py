@@ -362,7 +362,7 @@ def test_what_a_prompt_names_is_there(fake: Fake, tmp_path: Path) -> None:
     (tmp_path / "0001.cpp").write_text("// a law")
     fake.result = {"records": str(tmp_path)}
     there = {each["uri"] for each in fake.send("resources/list")["result"]["resources"]}
-    words = {*BY_NAME, *(dtype("Telemetry").names or ()), *(arg for verb in VERBS for arg, _ in verb.args)}
+    words = {*BY_NAME, *(dtype("Telemetry").names or ()), *(arg for verb in VERBS for arg in verb.args)}
     words |= {"no_permission", "rolled_back"}  # of answers
     for name in library.PROMPTS:
         told = library.prompt(name, {})["messages"][0]["content"]["text"]
