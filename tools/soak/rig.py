@@ -21,9 +21,10 @@ from pathlib import Path
 from typing import IO, Any
 
 from lithe.control import Client, connect_control
-from lithe.demo.processes import DIE_WITH_US, LEAVE_WITH_US, Lines, undisturbed
+from lithe.demo.processes import DIE_WITH_US, LEAVE_WITH_US, port_of, undisturbed
 from lithe.errors import LitheError, Refused
 from lithe.programs import binary
+from lithe.remote import Remote
 from lithe.shm import SpineView
 
 from .judge import Broken, Judge
@@ -88,7 +89,7 @@ class Rig:
         self.file = self.folder / robot_file.name
         self.file.write_text(text, encoding="utf-8")
         self.log: IO[str] = (out / "run.log").open("a", encoding="utf-8")
-        self.processes: dict[str, subprocess.Popen[str]] = {}
+        self.processes: dict[str, subprocess.Popen[Any]] = {}
         self._client: Client | None = None
         self.spine_pid = 0  # 0: not running, or about to be killed on purpose
 
@@ -141,13 +142,17 @@ class Rig:
         low, high = info["position_min_rad"][:count], info["position_max_rad"][:count]
         sine = {"kind": "sine", "centre_rad": ((low + high) / 2).tolist(), "amplitude_rad": ((high - low) / 8).tolist()}
         sine |= {"frequency_hz": 0.25, "ramp_s": 2.0}
-        words = ["-m", "lithe.demo.brain", "--token-file", str(self.folder / "token"), "--reference", json.dumps(sine)]
-        self.processes["brain"] = subprocess.Popen(
-            [*DIE_WITH_US, sys.executable, *words], stdout=subprocess.PIPE, stderr=self.log, text=True,
+        token = self.folder / "token"
+        words = ["-m", "lithe.gateway", "--robot", self.name, "--port", "0", "--token-file", str(token)]
+        brain = self.processes["brain"] = subprocess.Popen(
+            [*DIE_WITH_US, sys.executable, *words], bufsize=0, stdout=subprocess.PIPE, stderr=self.log,
             env=os.environ | {"LITHE_BRAIN_CPU": str(int(info["cpu_brain"]))},
         )  # fmt: skip
-        if not Lines(self.processes["brain"]).next(START_S):
-            raise Broken("processes", "a new Brain did not get the robot: see run.log")
+        try:
+            with Remote("127.0.0.1", port_of(brain, START_S), token) as remote:
+                remote.call("set_reference", **sine, stay=True)
+        except LitheError:
+            raise Broken("processes", "a new Brain did not get the robot: see run.log") from None
 
     def ask(self, verb: str, **args: Any) -> tuple[str, Any]:
         """ "ok" and the result of a verb, or the code of its refusal and its detail."""
@@ -207,7 +212,7 @@ class Rig:
             process.kill()
             process.wait()
         for pipe in (process.stdin, process.stdout):
-            if pipe is not None and name != "brain":  # the Brain's is closed by its reader
+            if pipe is not None:
                 pipe.close()
 
     def close(self) -> None:

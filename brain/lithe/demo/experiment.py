@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -17,7 +18,7 @@ from lithe.errors import LitheError
 from lithe.gateway import references
 
 from . import judge
-from .processes import Disturbed, Lines, Stage, raise_unless_active, start_brain
+from .processes import Disturbed, Stage, next_line, raise_unless_active, start_brain
 from .recorder import Recorder
 
 FREEZE_S = 1.5
@@ -90,10 +91,9 @@ class Experiment:
         agent = self.stage.start(
             "lithe.demo.agent", "--port", str(port), "--token-file", str(self.token_file), *self.agent_words
         )
-        lines = Lines(agent)
-        while (line := lines.next(0.2)) is not None:
+        while (line := next_line(agent, 0.2)) != b"":
             self.check()
-            self.hear(line)
+            self.hear(json.loads(line or b"{}"))
         if agent.wait() != 0:
             raise LitheError(f"the agent ended with code {agent.returncode}:{self.stage.tail()}")
 
@@ -149,7 +149,7 @@ class Experiment:
         self.story.begin("resumed", time.monotonic_ns())
         self.wait(3.0)
 
-    def kill(self, mind: subprocess.Popen[str]) -> None:
+    def kill(self, mind: subprocess.Popen[bytes]) -> None:
         mind.kill()
         mind.wait()
         start = time.monotonic_ns()

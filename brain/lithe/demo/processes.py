@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
-import queue
+import re
+import select
 import signal
 import subprocess
 import sys
@@ -21,6 +21,7 @@ from lithe.control import connect_control
 from lithe.errors import LitheError
 from lithe.place import THREAD_VARIABLES
 from lithe.programs import binary
+from lithe.remote import Remote
 from lithe.shm import SpineView
 
 # Should the demo itself be killed, nothing of it stays behind: the robot stops in order, a frozen Brain goes too.
@@ -73,7 +74,7 @@ class Stage:
     def __init__(self, robot_file: Path, log: Path) -> None:
         self.log_path = log
         self.robot = ""
-        self._children: list[subprocess.Popen[str]] = []
+        self._children: list[subprocess.Popen[bytes]] = []
         with contextlib.ExitStack() as ends:  # whatever fails below, all that came before it is taken back
             self._log = ends.enter_context(log.open("a", encoding="utf-8"))
             self.folder = Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="lithe-demo-")))
@@ -136,15 +137,15 @@ class Stage:
             time.sleep(0.1)
         raise LitheError(f"the robot did not get ready within 60 s:{self.tail()}")
 
-    def start(self, module: str, *arguments: str) -> subprocess.Popen[str]:
-        """Starts `python -m module` on the Brain's core, its stdout as lines for us."""
+    def start(self, module: str, *arguments: str) -> subprocess.Popen[bytes]:
+        """Starts `python -m module` on the Brain's core; its stdout is for next_line()."""
         environment = {**os.environ, "LITHE_BRAIN_CPU": str(int(self.spine.info["cpu_brain"])), "PYTHONUNBUFFERED": "1"}
         environment.update(dict.fromkeys(THREAD_VARIABLES, "1"))
         child = subprocess.Popen(
             [*DIE_WITH_US, sys.executable, "-m", module, *arguments],
+            bufsize=0,
             stdout=subprocess.PIPE,
             stderr=self._log,
-            text=True,
             env=environment,
         )
         self._children.append(child)
@@ -180,37 +181,30 @@ class Stage:
             path.unlink(missing_ok=True)
 
 
-def start_brain(stage: Stage, token_file: Path, reference: dict[str, Any]) -> tuple[subprocess.Popen[str], int]:
-    """The Brain process and the port of its gateway."""
+def start_brain(stage: Stage, token_file: Path, reference: dict[str, Any]) -> tuple[subprocess.Popen[bytes], int]:
+    """The Brain process, a gateway that streams this reference ({}: rest), and the gateway's port."""
+    brain = stage.start("lithe.gateway", "--robot", stage.robot, "--port", "0", "--token-file", str(token_file))
+    try:
+        port = port_of(brain, 60.0)
+    except LitheError as error:
+        raise LitheError(f"{error}{stage.tail()}") from None
     asked = {name: value for name, value in reference.items() if name != "since_ns"} or {"kind": "rest"}
-    brain = stage.start("lithe.demo.brain", "--token-file", str(token_file), "--reference", json.dumps(asked))
-    assert brain.stdout is not None
-    with brain.stdout:
-        line = brain.stdout.readline()
-    if not line:
-        raise LitheError(f"the Brain ended with code {brain.wait()} before it was ready:{stage.tail()}")
-    return brain, int(json.loads(line)["port"])
+    with Remote("127.0.0.1", port, token_file) as remote:
+        remote.call("set_reference", **asked, stay=True)
+    return brain, port
 
 
-class Lines:
-    """JSON lines of a child, readable with a time limit."""
+def port_of(gateway: subprocess.Popen[bytes], timeout_s: float) -> int:
+    """The port of a gateway that was just started. LitheError: it has ended, or is not ready in time."""
+    assert gateway.stdout is not None
+    with gateway.stdout:
+        said = (next_line(gateway, timeout_s) or b"").decode(errors="replace")
+    if not (found := re.match(r"robot .*:(\d+), token in ", said)):
+        raise LitheError(f"the Brain did not get ready: {said.strip()}")
+    return int(found[1])
 
-    def __init__(self, child: subprocess.Popen[str]) -> None:
-        self._queue: queue.Queue[dict[str, Any] | None] = queue.Queue()
-        threading.Thread(target=self._pump, args=(child,), daemon=True).start()
 
-    def _pump(self, child: subprocess.Popen[str]) -> None:
-        assert child.stdout is not None
-        try:
-            with child.stdout:
-                for line in child.stdout:
-                    self._queue.put(json.loads(line))
-        finally:
-            self._queue.put(None)
-
-    def next(self, timeout_s: float) -> dict[str, Any] | None:
-        """The next line; {} when none came in time; None at the end."""
-        try:
-            return self._queue.get(timeout=timeout_s)
-        except queue.Empty:
-            return {}
+def next_line(child: subprocess.Popen[bytes], timeout_s: float) -> bytes | None:
+    """The next line of a child with an unbuffered pipe; None when none came in time, b"" at the end."""
+    ready, _, _ = select.select([child.stdout], [], [], timeout_s)
+    return child.stdout.readline() if ready and child.stdout is not None else None
