@@ -14,7 +14,7 @@ from ..errors import LitheError
 from ..files import read_regular
 from .model import Model
 from .prompt import MOST_GOAL_CHARS
-from .reference import CHIRP_S, KINDS, MOST_GROWTH, MOST_WINDOW_S, Asked, bad_share
+from .reference import CHIRP_S, KINDS, MOST_GROWTH, MOST_WINDOW_S, Asked
 from .score import SCORES
 from .transcript import Transcript
 
@@ -25,34 +25,28 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def seconds(text: str) -> float:
+def _number(text: str, wrong: Callable[[float], str]) -> float:
+    """`wrong(value)`: why it is no good, "" when it is. NaN stands for what is no number."""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 0 < value <= 3600:
-        raise argparse.ArgumentTypeError(f"'{text}' is no time from 0 to 3600 s")
+    if why := wrong(value):
+        raise argparse.ArgumentTypeError(why)
     return value
+
+
+def seconds(text: str) -> float:
+    return _number(text, lambda value: "" if 0 < value <= 3600 else f"'{text}' is no time from 0 to 3600 s")
 
 
 def share(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if wrong := bad_share(value):
-        raise argparse.ArgumentTypeError(wrong)
-    return value
+    return _number(text, lambda value: "" if 0 < value <= 1 else f"{value} is not between 0 and 1")
 
 
 def growth(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 1 <= value <= MOST_GROWTH:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number from 1 (no growth) to {MOST_GROWTH:g}")
-    return value
+    wrong = f"'{text}' is no number from 1 (no growth) to {MOST_GROWTH:g}"
+    return _number(text, lambda value: "" if 1 <= value <= MOST_GROWTH else wrong)
 
 
 def _window(text: str) -> float:

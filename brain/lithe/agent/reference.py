@@ -158,8 +158,3 @@ class Streamer:
         """The setpoint comes to rest where it is."""
         self._terms = {}
         self._link.call("stop_reference")
-
-
-def bad_share(share: float) -> str:
-    """Why a share of the amplitude is no good; "" when it is."""
-    return "" if math.isfinite(share) and 0 < share <= 1 else f"{share} is not between 0 and 1"

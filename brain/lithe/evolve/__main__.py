@@ -16,7 +16,7 @@ import sys
 import tomllib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from multiprocessing import get_context
 from pathlib import Path
@@ -27,40 +27,31 @@ from ..errors import LitheError, Refused
 from ..files import read_regular
 from ..identify.__main__ import identify
 from ..identify.plant import plant_of, with_values
-from .evaluate import Candidate, Score, compile_laws, evaluate
+from .evaluate import compile_laws, evaluate
 from .search import Found, Journal, Map, Plan, Search
 
 BAR = 24  # characters
 
 
 @contextmanager
-def processes(count: int) -> Iterator[Map]:
-    """Evaluates in so many processes of this machine."""
-    with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
-        yield lambda candidates: list(pool.map(evaluate, candidates))
-
-
-@contextmanager
-def dask(address: str, count: int) -> Iterator[Map]:
-    """Evaluates on a Dask cluster, or without an address on one of `count` processes here."""
-    try:
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise LitheError("Dask is missing\n  next: pip install distributed, or leave --dask out") from None
-    if address:
-        with Client(address) as client:
+def evaluating(asked: argparse.Namespace) -> Iterator[Map]:
+    """Evaluates in this process, in `processes` of this machine, or on a Dask cluster: that of the address in `dask`, or
+    without one a cluster of so many processes here.
+    """
+    with ExitStack() as ends:
+        if asked.dask is not None:
+            try:
+                from distributed import Client, LocalCluster
+            except ImportError:
+                raise LitheError("Dask is missing\n  next: pip install distributed, or leave --dask out") from None
+            here = {"n_workers": asked.processes, "threads_per_worker": 1, "dashboard_address": None}
+            client = ends.enter_context(Client(asked.dask or ends.enter_context(LocalCluster(**here))))
             yield lambda candidates: list(client.gather(client.map(evaluate, candidates, pure=False)))
-        return
-    with (
-        LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster,
-        Client(cluster) as client,
-    ):
-        yield lambda candidates: list(client.gather(client.map(evaluate, candidates, pure=False)))
-
-
-def one_after_the_other(candidates: Sequence[Candidate]) -> list[Score]:
-    """Evaluates in this process."""
-    return [evaluate(candidate) for candidate in candidates]
+        elif asked.processes > 1:
+            pool = ends.enter_context(ProcessPoolExecutor(asked.processes, mp_context=get_context("spawn")))
+            yield lambda candidates: list(pool.map(evaluate, candidates))
+        else:
+            yield lambda candidates: list(map(evaluate, candidates))
 
 
 class Progress:
@@ -180,14 +171,8 @@ def run(asked: argparse.Namespace) -> int:
     progress = Progress(asked.budget, sys.stdout)
     search = Search(plan, units, journal, progress)
     try:
-        if asked.dask is not None:
-            with dask(asked.dask, asked.processes) as scores_of:
-                winner = search.run(scores_of)
-        elif asked.processes > 1:
-            with processes(asked.processes) as scores_of:
-                winner = search.run(scores_of)
-        else:
-            winner = search.run(one_after_the_other)
+        with evaluating(asked) as scores_of:
+            winner = search.run(scores_of)
     finally:
         journal.close()
         progress.close()

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from .. import mcp
 from ..control import run_dir
@@ -19,21 +18,6 @@ from ..remote import Remote
 from . import http, permission
 from .protocol import MOST_LINE_BYTES, Json
 from .server import Server
-
-
-class Robot:
-    """Connects at the first call, so that a client can list the tools before the robot runs."""
-
-    def __init__(self, host: str, port: int, token: Path) -> None:
-        self._connect: Callable[[], Remote] = lambda: Remote(host, port, token)
-        self._remote: Remote | None = None
-
-    def call(self, verb: str, args: Json) -> Any:
-        """One verb of the gateway."""
-        if self._remote is None:
-            self._remote = self._connect()
-        return self._remote.call(verb, **args)
-
 
 _writing = threading.Lock()
 
@@ -47,7 +31,8 @@ def send(answer: Json) -> None:
 
 def serve(args: argparse.Namespace) -> int:
     """Until stdin ends; over HTTP, until Ctrl-C."""
-    server = Server(Robot(args.host, args.port, args.token_file).call, permission.path_of(args.port))
+    robot = functools.cache(lambda: Remote(args.host, args.port, args.token_file))  # at the first call
+    server = Server(lambda verb, words: robot().call(verb, **words), permission.path_of(args.port))
     if args.http is not None:
         return http.serve(server, args.http)
     try:
