@@ -13,13 +13,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from .._wire import Fault, Mode
 from ..errors import LitheError, NotRunning, Refused
 from ..identify import Description, Motion
+from ..remote import Remote
 
 FIELDS = ["tick", "sample_ns", "mode", "position_rad", "velocity_rad_s", "torque_nm"]
 LEAST_SHARE = 0.25  # of the window's ticks that must have been in mode active, under the law in question
@@ -61,12 +63,6 @@ class Stopped(LitheError):
         super().__init__(f"the robot is in mode {mode}, fault {fault}: {self.stop.get('text', '')}{next_step}")
 
 
-class Caller(Protocol):
-    """lithe.Remote, or a fake in tests."""
-
-    def call(self, verb: str, /, **args: Any) -> Any: ...
-
-
 @dataclass(frozen=True)
 class Outcome:
     """Of a swap. `verdict`: a refusal's code, or the certificate's verdict; `runs`: the new law runs now."""
@@ -78,12 +74,24 @@ class Outcome:
     detail: dict[str, Any] = field(default_factory=dict)
 
 
+def columns_of(pieces: list[dict[str, Any]], fields: list[str]) -> dict[str, npt.NDArray[np.float64]]:
+    """Answers of the verb `history`, one after the other: columns of shape (n,), or (n, joints)."""
+    return {name: np.concatenate([np.asarray(one[name], dtype=float) for one in pieces]) for name in fields}
+
+
+def motions_of(columns: dict[str, npt.NDArray[np.float64]]) -> list[Motion]:
+    """Those columns as the motion of each joint."""
+    t_s = (columns["sample_ns"] - columns["sample_ns"][0]) * 1e-9
+    moved = (columns["position_rad"].T, columns["velocity_rad_s"].T, columns["torque_nm"].T)
+    return [Motion(t_s, *one) for one in zip(*moved, strict=True)]
+
+
 class Link:
     """`within_s`: how long a broken connection is tried again. `say` is told of every request that changes anything."""
 
     def __init__(
         self,
-        remote: Caller,
+        remote: Remote,
         say: Callable[..., None] = lambda kind, **what: None,
         within_s: float = 30.0,
         sleep: Callable[[float], None] = time.sleep,
@@ -185,11 +193,8 @@ class Link:
             raise LitheError(f"no telemetry came in {seconds:g} s")
         if told["ticks"] < LEAST_SHARE * seconds * self.rate_hz:
             raise LitheError(f"only {told['ticks']} ticks were under the law in question")
-        columns = {name: np.concatenate([np.asarray(one[name], dtype=float) for one in pieces]) for name in FIELDS}
-        kept = {name: values[columns["mode"] == Mode.active] for name, values in columns.items()}
-        t_s = (kept["sample_ns"] - kept["sample_ns"][0]) * 1e-9
-        moved = (kept["position_rad"].T, kept["velocity_rad_s"].T, kept["torque_nm"].T)
-        return told, [Motion(t_s, *one) for one in zip(*moved, strict=True)]
+        columns = columns_of(pieces, FIELDS)
+        return told, motions_of({name: values[columns["mode"] == Mode.active] for name, values in columns.items()})
 
     def swap(self, source: str, name: str) -> Outcome:
         """The law through the whole transaction, always with probation. Never raises Refused: that is an outcome."""

@@ -11,17 +11,17 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 from ..errors import LitheError
 from ..identify import Motion
 from . import prompt
 from .extract import NoLaw, law_in
 from .link import AnotherLaw, Link, Lost, Stopped
-from .model import ModelError, Reply
+from .model import Model, ModelError
 from .plant import identified
 from .prompt import Try
-from .reference import Reference, grown
+from .reference import Streamer, grown
 from .score import Measured, better, score
 
 MOST_WINDOWS = 10  # that a broken connection may spoil, one after the other
@@ -75,34 +75,14 @@ class Result:
         return start / max(best, 1e-9)
 
 
-class Moves(Protocol):
-    """The reference; see Streamer."""
-
-    reference: Reference
-
-    def start(self, share: float) -> None: ...
-
-    def go_on(self) -> int: ...
-
-    def went_on(self, since_ns: int) -> bool: ...
-
-    def stop(self) -> None: ...
-
-
-class Asked(Protocol):
-    """The model; see Model."""
-
-    def ask(self, messages: list[dict[str, Any]]) -> Reply: ...
-
-
 class Rounds:
     """Runs the loop once. `keep(name, text)` writes a law beside the transcript, `say` tells what happens."""
 
     def __init__(
         self,
         link: Link,
-        moves: Moves,
-        model: Asked,
+        moves: Streamer,
+        model: Model,
         goal: str,
         limits: Limits,
         say: Callable[..., None] = lambda kind, **what: None,

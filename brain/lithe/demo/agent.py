@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lithe.agent import options, report
-from lithe.agent.link import Link
+from lithe.agent.link import Link, columns_of, motions_of
 from lithe.agent.reference import Asked, Streamer, reference_of
 from lithe.agent.rounds import Limits, Rounds
 from lithe.errors import LitheError
@@ -51,20 +51,9 @@ def tell(**what: Any) -> None:
     print(json.dumps(what), flush=True)
 
 
-def joined(pieces: list[dict[str, Any]]) -> dict[str, npt.NDArray[np.float64]]:
-    """Answers of the gateway's verb `history`, one after the other: columns of shape (n, joints), times (n, 1)."""
-    return {
-        name: np.concatenate([np.asarray(one[name], dtype=float).reshape(len(one["tick"]), -1) for one in pieces])
-        for name in FIELDS
-    }
-
-
 def as_motions(pieces: list[dict[str, Any]]) -> list[Motion]:
-    """Those answers as the motion of each joint."""
-    columns = joined(pieces)
-    t_s = columns["sample_ns"][:, 0] * 1e-9
-    moved = (columns["position_rad"].T, columns["velocity_rad_s"].T, columns["torque_nm"].T)
-    return [Motion(t_s - t_s[0], *one) for one in zip(*moved, strict=True)]
+    """Answers of the gateway's verb `history`, one after the other, as the motion of each joint."""
+    return motions_of(columns_of(pieces, FIELDS))
 
 
 def last(motion: Motion, seconds: float) -> npt.NDArray[np.bool_]:
@@ -220,8 +209,8 @@ class Agent:
     @staticmethod
     def lag_of(joint: int, runs: list[list[dict[str, Any]]]) -> float:
         records = []
-        for columns in map(joined, runs):
-            t_s = (columns["sample_ns"][:, 0] - columns["sample_ns"][0, 0]) * 1e-9
+        for columns in (columns_of(run, FIELDS) for run in runs):
+            t_s = (columns["sample_ns"] - columns["sample_ns"][0]) * 1e-9
             records.append((t_s, columns["command_torque_nm"][:, joint], columns["torque_nm"][:, joint]))
         return torque_lag_s(records)
 
@@ -266,6 +255,10 @@ class Agent:
         tell(source=source)
         self.rest()  # so that the new law starts without an error
         self.swap("evolved", source)
+        self.show_evolved()
+
+    def show_evolved(self) -> None:
+        """The last law follows the sine, for as long as the first one did."""
         self.track()
         time.sleep(0.5)
         self.phase("evolved")
@@ -306,10 +299,7 @@ class ModelAgent(Agent):
         if result.stopped:
             raise LitheError(result.why)
         tell(source=result.source)
-        self.track()
-        time.sleep(0.5)
-        self.phase("evolved")
-        time.sleep(6.0)
+        self.show_evolved()
 
 
 def at_rest(arm: Arm, motions: list[Motion], name: str) -> dict[str, Any]:

@@ -34,15 +34,6 @@ class Thread:
     alone: bool = True
 
 
-@dataclass(frozen=True)
-class Counts:
-    """Time that some threads did not get so far."""
-
-    waited_ns: int
-    stolen_ns: int
-    switches: int  # times that another thread was given the core of one that could have gone on
-
-
 def stolen_ticks(cpu: int) -> tuple[int, int]:
     """Clock ticks that the hypervisor took from a core, and all of them, since boot."""
     lines = Path("/proc/stat").read_text(encoding="ascii").splitlines()
@@ -63,8 +54,10 @@ def _waited_ns(thread: Thread) -> int:
         return 0
 
 
-def counts(threads: list[Thread]) -> Counts:
-    """Of all of them together; a core that two of them share counts once."""
+def counts(threads: list[Thread]) -> tuple[int, int, int]:
+    """Time [ns] that they have waited, and that was stolen, of all together: a core that two share counts once. Then
+    how often another thread was given the core of one that could have gone on.
+    """
     waited_ns = switches = 0
     for thread in threads:
         if thread.alone:  # else it may have waited for a compiler of LITHE's own, and nothing tells which it was
@@ -72,7 +65,7 @@ def counts(threads: list[Thread]) -> Counts:
             with contextlib.suppress(OSError):
                 switches += made_to_wait(thread.pid, thread.tid)
     cores = {thread.cpu for thread in threads}
-    return Counts(waited_ns, sum(stolen_ticks(cpu)[0] for cpu in cores) * STEAL_STEP_NS, switches)
+    return waited_ns, sum(stolen_ticks(cpu)[0] for cpu in cores) * STEAL_STEP_NS, switches
 
 
 def threads_of(info: Any, pid: int) -> list[Thread]:
@@ -127,22 +120,18 @@ class Watch:
 
     def __init__(self, threads: list[Thread]) -> None:
         self._threads = threads
-        self._looks: list[tuple[int, Counts]] = []
+        self._looks: list[tuple[int, ...]] = []
         self.look()
 
     def look(self) -> None:
         """Takes a sample."""
-        self._looks.append((time.monotonic_ns(), counts(self._threads)))
+        self._looks.append((time.monotonic_ns(), *counts(self._threads)))
 
     def evidence(self) -> Evidence:
         """What was seen so far."""
-        at_ns, seen = zip(*self._looks, strict=True)
-        waited_ns, stolen_ns = (
-            np.maximum.accumulate(np.array(column, np.int64))  # a thread that has ended counts 0
-            for column in ([each.waited_ns for each in seen], [each.stolen_ns for each in seen])
-        )
-        switches = max(each.switches for each in seen) - seen[0].switches
-        return Evidence(np.array(at_ns, np.int64), waited_ns, stolen_ns, switches)
+        at_ns, *seen = np.array(self._looks, np.int64).T
+        waited_ns, stolen_ns, switches = (np.maximum.accumulate(each) for each in seen)  # one that has ended counts 0
+        return Evidence(at_ns, waited_ns, stolen_ns, int(switches[-1] - switches[0]))
 
 
 def tally(made: Releases, windows: list[Window], evidence: Evidence, period_ns: int) -> dict[str, Any]:

@@ -49,7 +49,7 @@ from ..shm import dtype
 from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
 from . import documents
-from .answers import Encoded, as_json, encode, in_the_words_of_verbs, refusal
+from .answers import Encoded, as_json, encode, in_the_words_of_verbs, refusal, refused_by
 from .brief import brief, brief_detail, brief_params
 from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
@@ -105,9 +105,8 @@ class Gateway:
         self.lease = Lease()
         self.peers = Peers()
         self.past = Past(robot)
-        self._asking = (
-            threading.local()
-        )  # .client: whose request this thread handles; .stop_waits(): it has asked for a stop since
+        # .client: whose request this thread handles; .stop_waits(): it has asked for a stop since
+        self._asking = threading.local()
         self._ours: dict[str, Verb] = {
             "describe": self._describe,
             "latest": self._latest,
@@ -120,13 +119,13 @@ class Gateway:
             "state": lambda _: robot.state(),
             "documents": lambda _: {"documents": documents.listed()},
             "document": self._document,
-            "set_reference": self._set_reference,
+            "set_reference": lambda args: self.references.set(args, self._asking.client),
             "reference": lambda _: self.references.told(),
             "stop_reference": lambda _: self.references.stop(),
             "lease": self._lease_verb,
         }
         self.verbs: dict[str, Verb] = {**self._ours, **(verbs or {})}
-        no = refusal(None, "token", "wrong token", "read it from the token file")
+        no = refusal(None, Refused("token", "wrong token", "read it from the token file"))
         try:
             self._lobby = Lobby(host, port, self.token, self._admit, no)
         except (OSError, OverflowError) as error:  # OverflowError: no number of a port
@@ -148,9 +147,8 @@ class Gateway:
             threading.Thread(target=self._estop_only, args=(link,), name="lithe-gateway-estop", daemon=True).start()
             return None
         if not self._places.acquire(blocking=False):
-            return refusal(
-                None, "busy", f"{MOST_CLIENTS} clients are served already", "try later; an e-stop needs no place"
-            )
+            many = f"{MOST_CLIENTS} clients are served already"
+            return refusal(None, Refused("busy", many, "try later; an e-stop needs no place"))
         words = link, rest, self.peers.came(link, hello)
         threading.Thread(target=self._serve, args=words, name="lithe-gateway-client", daemon=True).start()
         return None
@@ -182,7 +180,7 @@ class Gateway:
         self._asking.client, self._asking.stop_waits = client, stop_waits
         self.references.heard(client)
         name: Any = None
-        kept: list[int] = []
+        kept = 0
         try:
             if len(line) > MOST_REQUEST_BYTES:
                 raise Refused("too_long", f"a request has at most {MOST_REQUEST_BYTES} bytes", "send less at once")
@@ -196,24 +194,10 @@ class Gateway:
             if word := unprintable_in({"verb": request.get("verb"), "args": args}):
                 raise Refused("bad_request", f"{word} is not printable text", "names hold no control characters")
             result = in_the_words_of_verbs(self._call(str(request.get("verb", "")), args))
-            if isinstance(result, Encoded):
-                kept.append(len(result))
-            return encode({"id": name, "ok": True, "result": result}), sum(kept)
-        except Refused as error:
-            return refusal(name, error.code, error.message, error.next, error.detail), 0
-        except NotRunning as error:
-            return refusal(name, "disconnected", str(error), "start the robot, then ask again"), 0
-        except RecursionError:
-            next_step = "the document verbs has verbs and arguments"
-            return refusal(None, "bad_request", "bad request: nested too deeply", next_step), sum(kept)
-        except (ValueError, TypeError, KeyError, ArithmeticError) as error:
-            what = f"missing: {error}" if isinstance(error, KeyError) else str(error)
-            next_step = "the document verbs has verbs and arguments"
-            return refusal(name, "bad_request", f"bad request: {what}", next_step), sum(kept)
-        except LitheError as error:
-            return refusal(name, "error", str(error)), 0
-        except Exception as error:  # an error in an application's verb must not look like a dead gateway
-            return refusal(name, "error", f"{type(error).__name__}: {error}"), 0
+            kept = len(result) if isinstance(result, Encoded) else 0
+            return encode({"id": name, "ok": True, "result": result}), kept
+        except Exception as error:  # also one in an application's verb: it must not look like a dead gateway
+            return refusal(None if isinstance(error, RecursionError) else name, refused_by(error)), kept
 
     def _call(self, verb: str, args: dict[str, Any]) -> Any:
         own = self.verbs.get(verb)
@@ -377,9 +361,6 @@ class Gateway:
         elif take is not None or "seconds" in args:
             return self.lease.take(who, who.name, float(args.get("seconds", USUAL_S)))
         return self.lease.told(who)
-
-    def _set_reference(self, args: dict[str, Any]) -> Any:
-        return self.references.set(args, self._asking.client)
 
     def _publish(self, args: dict[str, Any]) -> Any:
         velocity = args.get("velocity_rad_s")

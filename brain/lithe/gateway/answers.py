@@ -8,6 +8,7 @@ import math
 from typing import Any
 
 from ..control import plain
+from ..errors import LitheError, NotRunning, Refused
 from ..vocabulary import in_verbs
 
 
@@ -36,10 +37,22 @@ def encode(answer: dict[str, Any]) -> bytes:
     return as_json(answer).encode() + b"\n"
 
 
-def refusal(name: Any, code: str, message: str, next_step: str = "", detail: dict[str, Any] | None = None) -> bytes:
+def refusal(name: Any, refused: Refused) -> bytes:
     """The line that refuses the request with the id `name`."""
-    body = {"code": code, "message": message, "next": next_step, "detail": detail or {}}
+    body = {"code": refused.code, "message": refused.message, "next": refused.next, "detail": refused.detail}
     return encode({"id": name, "ok": False, "error": in_the_words_of_verbs(body)})
+
+
+def refused_by(error: Exception) -> Refused:
+    """What a client is told of an error while its request was handled."""
+    if isinstance(error, Refused):
+        return error
+    if isinstance(error, NotRunning):
+        return Refused("disconnected", str(error), "start the robot, then ask again")
+    if isinstance(error, RecursionError | ValueError | TypeError | KeyError | ArithmeticError):
+        what = {RecursionError: "nested too deeply", KeyError: f"missing: {error}"}.get(type(error), str(error))
+        return Refused("bad_request", f"bad request: {what}", "the document verbs has verbs and arguments")
+    return Refused("error", str(error) if isinstance(error, LitheError) else f"{type(error).__name__}: {error}")
 
 
 def in_the_words_of_verbs(value: Any) -> Any:
