@@ -280,12 +280,6 @@ class Subject(Mover):
         """All releases."""
         return releases(self.log.ticks(), round(1e9 / float(self.robot.spine.info["rate_hz"])))
 
-    def stop(self) -> None:
-        """Ends the threads; the robot continues."""
-        for thread in self._threads:
-            thread.stop()
-        self.log.look()
-
 
 def keep_off(robot: lithe.Robot) -> None:
     """Moves all threads of this process to the housekeeping core: the peers use the Brain's."""

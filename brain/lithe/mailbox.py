@@ -13,7 +13,6 @@ from __future__ import annotations
 import fcntl
 import os
 import time
-from collections.abc import Callable
 from numbers import Real
 from typing import Any
 
@@ -33,6 +32,7 @@ AGAIN_S = {
 }
 LOOK_S = 0.001
 VIA = "mailbox"
+VERBS = ("arm", "disarm", "hold", "reset", "rollback", "set_params", "revert_params")
 
 _NEXT = {
     CommandResult.refused_mode: "after a fault or an e-stop: robot.reset(), then robot.arm()",
@@ -88,16 +88,20 @@ class Mailbox:
 
     def call(self, verb: str, args: dict[str, Any]) -> dict[str, Any]:
         """Sends one command, waits until a tick has handled it, and returns the answer."""
-        return VERBS[verb](self, **args)
+        if verb == "set_params":
+            return self._set_params(**args)
+        if verb == "rollback":
+            return self._rollback(**args)
+        answer = self._deliver(CommandKind[verb])
+        return params_of(self._spine) if verb == "revert_params" else answer
 
-    def _plain(self, kind: CommandKind, law_id: int = 0, values: dict[int, float] | None = None) -> dict[str, Any]:
+    def _deliver(
+        self, kind: CommandKind, count: int = 0, law_id: int = 0, values: dict[int, float] | None = None
+    ) -> dict[str, Any]:
         letter = np.zeros((), dtype("Command"))
-        letter["kind"], letter["law_id"] = kind, law_id
+        letter["kind"], letter["law_id"], letter["count"] = kind, law_id, count
         for at, (index, value) in enumerate((values or {}).items()):
             letter["index"][at], letter["value"][at], letter["count"] = index, value, at + 1
-        return self._deliver(kind, letter)
-
-    def _deliver(self, kind: CommandKind, letter: npt.NDArray[Any]) -> dict[str, Any]:
         from_s = time.monotonic()
         result = self._ask(kind, letter)
         while time.monotonic() - from_s < AGAIN_S.get((kind, result), 0):
@@ -159,19 +163,13 @@ class Mailbox:
                     "nothing was changed; choose a value inside the range",
                 )
             chosen[index] = float(wanted)
-        self._plain(CommandKind.set_params, live["law_id"], chosen)
-        return params_of(self._spine)
-
-    def _revert_params(self, **_: Any) -> dict[str, Any]:
-        self._plain(CommandKind.revert_params)
+        self._deliver(CommandKind.set_params, law_id=live["law_id"], values=chosen)
         return params_of(self._spine)
 
     def _rollback(self, steps: Any = 1, **_: Any) -> dict[str, Any]:
         if isinstance(steps, bool) or not isinstance(steps, int) or not 1 <= steps <= 4:
             raise Refused("usage", f"steps = {steps}: how many laws back, 1 to 4", "see which are there: spine.laws()")
-        letter = np.zeros((), dtype("Command"))
-        letter["kind"], letter["count"] = CommandKind.rollback, steps
-        answer = self._deliver(CommandKind.rollback, letter)
+        answer = self._deliver(CommandKind.rollback, steps)
         law = self._spine.running_law()
         return answer if law is None else {**answer, "law": name_of(law), "law_id": int(law["law_id"])}
 
@@ -199,18 +197,3 @@ def params_of(spine: SpineView) -> dict[str, Any]:
         for i in range(int(law["param_count"]))
     ]
     return {"law": name_of(law), "law_id": int(law["law_id"]), "params": listed, "via": VIA}
-
-
-def _plain(kind: CommandKind) -> Callable[[Mailbox], dict[str, Any]]:
-    return lambda mailbox, **_: mailbox._plain(kind)
-
-
-VERBS: dict[str, Callable[..., dict[str, Any]]] = {
-    "arm": _plain(CommandKind.arm),
-    "disarm": _plain(CommandKind.disarm),
-    "hold": _plain(CommandKind.hold),
-    "reset": _plain(CommandKind.reset),
-    "rollback": Mailbox._rollback,
-    "set_params": Mailbox._set_params,
-    "revert_params": Mailbox._revert_params,
-}

@@ -3,19 +3,10 @@
 
 JSON lines. The first line is {"token": "..."}; with "client": "SECRET" all connections that name it are one client
 (peer.py). Then requests {"id", "verb", "args"}, answered as on the control socket:
-{"id", "ok": true, "result"} or {"id", "ok": false, "error": {"code", "message", "next"}}. The gateway's own verbs:
-
-    describe  {}                                        robot, rate, joints with their limits, all verbs, time now
-    latest    {fields?}                                 the newest telemetry record
-    history   {seconds? or since_tick?, until_tick?, every?, fields?, joints?}
-                                                        columns of records, at most the last 60 s, and `lost`
-    measure   {seconds?}                                errors and torques of each joint under the running law
-    publish   {t_ns, position_rad, velocity_rad_s?, streaming?}   a plan of up to 16 waypoints
-    estop     {}                                        at once, through shared memory; answered after a tick saw it
-    reset     {}                                        also clears that e-stop word, which the supervisor cannot
-
-An application may add verbs. Every other verb (status, swap, rollback, params, set_params, arm, ...) goes to the
-supervisor. Loopback by default; the token lies in a file of mode 0600.
+{"id", "ok": true, "result"} or {"id", "ok": false, "error": {"code", "message", "next"}}. All verbs are in one table
+(vocabulary.py); those of `_ours` are the gateway's own, an application may add others, and the rest goes to the
+supervisor. `estop` is done through shared memory and answered after a tick saw it; `reset` also clears that word, which
+the supervisor cannot. Loopback by default; the token lies in a file of mode 0600.
 
 Who is served when: an e-stop ahead of everything, also of this client's own requests, and also where all places are
 taken (hello {"token": "...", "estop": true}, which is answered as the verb is, and hung up on). Then verbs that move or
