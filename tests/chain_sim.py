@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -153,3 +154,14 @@ class Chains:
             [Motion(t, angles[:, robot, k], nothing, torques[:, robot, k]) for k in range(q.shape[1])]
             for robot in range(q.shape[0])
         ]
+
+
+def as_recorded(motion: Sequence[Motion]) -> npt.NDArray[Any]:
+    """Telemetry as the flight recorder has it, of a Motion per joint."""
+    names = ("position_rad", "velocity_rad_s", "torque_nm")
+    layout = [("sample_ns", "i8"), *((name, "f8", len(motion)) for name in names)]
+    records = np.zeros(len(motion[0].t_s), layout)
+    records["sample_ns"] = np.round(1e9 * motion[0].t_s)
+    for name in names:
+        records[name] = np.stack([getattr(joint, name) for joint in motion], axis=1)
+    return records

@@ -15,13 +15,15 @@ from typing import Any
 import calm
 import numpy as np
 import pytest
-from chain_sim import STEP_S, Chains
+from chain_sim import STEP_S, Chains, as_recorded
 from lithe.evolve.__main__ import Progress, main
 from lithe.gateway.references import References, curve_of
 from system.robot_rig import BIN, ROOT, need
 
 CHAIN, PD, GRAVITY = ROOT / "robots/chain.toml", ROOT / "laws/pd.cpp", ROOT / "laws/gravity_pd.cpp"
 BUDGET = 64
+EVOLVE = [sys.executable, "-m", "lithe.evolve"]
+SEARCH = [*EVOLVE, CHAIN, PD, GRAVITY, "--budget", str(BUDGET), "--out"]
 # Whatever its parameter is, it pushes each joint away from its setpoint.
 WRONG = """
 #include <lithe/law.hpp>
@@ -56,6 +58,7 @@ LITHE_LAW(Limp, "limp");
 def programs(monkeypatch: pytest.MonkeyPatch) -> None:
     need("lawd", "lithe-trial")
     monkeypatch.setenv("LITHE_BIN_DIR", str(BIN))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT / "brain"))
 
 
 def search(out: Path, *words: str | Path) -> dict[str, Any]:
@@ -68,8 +71,9 @@ def search(out: Path, *words: str | Path) -> dict[str, Any]:
 
 def evolve(out: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
     env = os.environ | {"PYTHONPATH": str(ROOT / "brain")}
-    command = [sys.executable, "-m", "lithe.evolve", CHAIN, PD, GRAVITY, "--budget", str(BUDGET), "--out", out, *words]
-    return subprocess.run(command, env=env, capture_output=True, text=True, timeout=300, check=False)
+    return subprocess.run(
+        [*SEARCH, out, *words], env=env, capture_output=True, text=True, timeout=300, check=False
+    )
 
 
 @pytest.fixture(scope="module")
@@ -102,9 +106,7 @@ def test_another_seed_draws_other_candidates(alone: dict[str, Any], tmp_path: Pa
 
 
 def test_a_killed_search_is_resumed_and_finds_the_same_winner(alone: dict[str, Any], tmp_path: Path) -> None:
-    env = os.environ | {"PYTHONPATH": str(ROOT / "brain")}
-    command = [sys.executable, "-m", "lithe.evolve", CHAIN, PD, GRAVITY, "--budget", str(BUDGET), "--out", tmp_path]
-    with subprocess.Popen([*command, "--seed", "7"], env=env, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([*SEARCH, tmp_path, "--seed", "7"], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         for line in process.stdout:
             if line.startswith("24 of"):
@@ -137,10 +139,8 @@ def test_a_winner_on_the_robot_is_told_with_its_verdict_and_one_that_is_rolled_b
     with calm.calm_robot() as rig, calm.connected() as robot:
 
         def live(source: Path) -> subprocess.CompletedProcess[str]:
-            command = [sys.executable, "-m", "lithe.evolve", rig.config, source, "--budget", "1", "--live"]
-            env = os.environ | {"PYTHONPATH": str(ROOT / "brain")}
-            done = [*map(str, command), "--out", str(tmp_path / source.stem)]
-            return subprocess.run(done, env=env, capture_output=True, text=True, timeout=300, check=False)
+            command = [*EVOLVE, rig.config, source, "--budget", "1", "--live", "--out", tmp_path / source.stem]
+            return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
 
         References(robot).set(
             {"kind": "sine", "centre_rad": 0.9, "amplitude_rad": 0.4, "frequency_hz": 1.0, "stay": True}
@@ -185,11 +185,7 @@ def test_laws_are_searched_on_the_robot_as_it_was_recorded(tmp_path: Path, capsy
         {"kind": "multisine", "centre_rad": 0.1, "amplitude_rad": 1.1, "frequency_hz": [0.3, 0.7, 1.1, 1.9]}, 3
     )
     (motion,) = made.follow(curve(np.arange(6000) * STEP_S))
-    records = np.zeros(len(motion[0].t_s), [("sample_ns", "i8"), *((name, "f8", 3) for name in (
-        "position_rad", "velocity_rad_s", "torque_nm"))])  # fmt: skip
-    records["sample_ns"] = np.round(1e9 * motion[0].t_s)
-    for name in ("position_rad", "torque_nm"):
-        records[name] = np.stack([getattr(joint, name) for joint in motion], axis=1)
+    records = as_recorded(motion)
     np.save(tmp_path / "motion.npy", records)
     chain, lengths = tmp_path / "chain.toml", iter(map(float, made.length_m[0]))
     text = re.sub(r"length_m = [0-9.]+", lambda _: f"length_m = {next(lengths)!r}", CHAIN.read_text())

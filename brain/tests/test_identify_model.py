@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pypi
 import pytest
-from chain_sim import ENCODER_RAD, STEP_S, Chains
+from chain_sim import ENCODER_RAD, STEP_S, Chains, as_recorded
 from lithe.errors import LitheError
 from lithe.gateway.references import curve_of
 from lithe.identify import ChainFit, Model, Motion, describe_model, identify_chain
@@ -181,13 +181,7 @@ def test_a_motion_can_be_designed_for_it(leg: Path, pin: Any) -> None:
 def test_the_command_prints_what_the_file_says_beside_it(
     leg: Path, found: Found, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    motion = found[2]
-    records = np.zeros(len(motion[0].t_s), [("sample_ns", "i8"), *((name, "f8", 3) for name in (
-        "position_rad", "velocity_rad_s", "torque_nm"))])  # fmt: skip
-    records["sample_ns"] = np.round(1e9 * motion[0].t_s)
-    for name in ("position_rad", "torque_nm"):
-        records[name] = np.stack([getattr(joint, name) for joint in motion], axis=1)
-    np.save(tmp_path / "motion.npy", records)
+    np.save(tmp_path / "motion.npy", as_recorded(found[2]))
     joints = "".join(f'[[joint]]\nname = "{name}"\n' for name in NAMES)
     robot, real = tmp_path / "leg.toml", tmp_path / "real.toml"
     robot.write_text(f'[plant]\nkind = "mujoco"\nmodel = "{leg}"\n{joints}')

@@ -8,6 +8,7 @@ import json
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from system.pypi import ROOT, Package
@@ -31,18 +32,25 @@ def arm(tmp_path: Path) -> Iterator[Simulated]:
     assert served.close() == 0
 
 
+def run(moteus: Package, *words: str | Path) -> subprocess.CompletedProcess[str]:
+    """Python with that library, to its end."""
+    command = moteus.command(*words)
+    return subprocess.run(command, check=False, env=moteus.env, capture_output=True, text=True, timeout=60)
+
+
+def controlled(moteus: Package, arm: Simulated) -> dict[str, Any]:
+    """What the library's controller saw of the arm's drive."""
+    ran = run(moteus, CLIENT, str(arm.path()), "1")
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    seen: dict[str, Any] = json.loads(ran.stdout)
+    return seen
+
+
 def tool(moteus: Package, path: Path, *words: str) -> str:
     """`moteus_tool` to its end; what it printed."""
     transport = ["--force-transport", "fdcanusb", "--fdcanusb", str(path)]
     for _ in range(10):
-        ran = subprocess.run(
-            moteus.command("-m", "moteus.moteus_tool", *transport, *words),
-            check=False,
-            env=moteus.env,
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
+        ran = run(moteus, "-m", "moteus.moteus_tool", *transport, *words)
         # An answer came later than it waits: a process stood still. Whatever it does can be done again.
         if "lost synchronization" not in ran.stderr:
             break
@@ -51,16 +59,7 @@ def tool(moteus: Package, path: Path, *words: str) -> str:
 
 
 def test_the_librarys_controller_moves_the_arm(moteus: Package, arm: Simulated) -> None:
-    ran = subprocess.run(
-        moteus.command(CLIENT, str(arm.path()), "1"),
-        check=False,
-        env=moteus.env,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert ran.returncode == 0, ran.stdout + ran.stderr
-    seen = json.loads(ran.stdout)
+    seen = controlled(moteus, arm)
     assert seen["id"] == 1
     assert seen["modes"] == [0, 10, 0]
     assert seen["faults"] == [0, 0, 0]
@@ -107,16 +106,7 @@ def test_the_tool_reads_records_and_stops(moteus: Package, arm: Simulated) -> No
 def test_the_library_sees_the_faults_that_are_ordered(moteus: Package, arm: Simulated) -> None:
     arm.path()
     assert arm.order(fault="over_temperature", device="shoulder_drive") == {"ok": True}
-    ran = subprocess.run(
-        moteus.command(CLIENT, str(arm.path()), "1"),
-        check=False,
-        env=moteus.env,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert ran.returncode == 0, ran.stdout + ran.stderr
-    seen = json.loads(ran.stdout)
+    seen = controlled(moteus, arm)
     assert seen["modes"] == [0, 1, 0]
     assert seen["faults"] == [0, 38, 0]
 
