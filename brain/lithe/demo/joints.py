@@ -174,13 +174,10 @@ def interval_of(estimate: dict[str, Any], sim: SimJoint) -> dict[str, Any]:
     """
     least_nm, most_nm = (float(end) for end in estimate.get("mgl_interval_nm", (np.nan, np.nan)))
     half_nm, found_nm = (most_nm - least_nm) / 2, float(estimate["mgl_hat_nm"])
-    if not (half_nm > 0 and found_nm > 0):
-        return {"mgl_interval_nm": [least_nm, most_nm], "mgl_half_width": np.nan, "mgl_off_intervals": np.nan}
-    return {
-        "mgl_interval_nm": [least_nm, most_nm],
-        "mgl_half_width": half_nm / found_nm,
-        "mgl_off_intervals": abs(sim.mgl_nm - found_nm) / half_nm,
-    }
+    share, off = np.nan, np.nan
+    if half_nm > 0 and found_nm > 0:
+        share, off = half_nm / found_nm, abs(sim.mgl_nm - found_nm) / half_nm
+    return {"mgl_interval_nm": [least_nm, most_nm], "mgl_half_width": share, "mgl_off_intervals": off}
 
 
 def shortcomings(joint: dict[str, Any], of_several: bool) -> list[str]:

@@ -36,12 +36,17 @@ class Releases:
         return int(np.count_nonzero(self.skipped[first:end]))
 
 
+def _skips(records: npt.NDArray[Any]) -> Integers:
+    """Releases that were skipped before each tick."""
+    total = records["missed_releases"].astype(np.int64)
+    return np.diff(total, prepend=total[:1])
+
+
 def releases(records: npt.NDArray[Any], period_ns: int) -> Releases:
     """A skipped release is late by all the time until the tick that ran instead, as in bench/rig/cycles.hpp."""
     due_ns = records["release_ns"].astype(np.int64)
     late_ns = records["release_jitter_ns"].astype(np.int64)
-    total = records["missed_releases"].astype(np.int64)
-    skips = np.diff(total, prepend=total[:1])  # before each tick
+    skips = _skips(records)
     instead = np.repeat(np.arange(len(records)), skips)  # the tick that ran instead of each skipped release
     behind_ns = (np.repeat(np.cumsum(skips), skips) - np.arange(len(instead))) * period_ns
     all_due_ns = np.concatenate((due_ns[instead] - behind_ns, due_ns))
@@ -56,11 +61,8 @@ def releases(records: npt.NDArray[Any], period_ns: int) -> Releases:
 def with_overruns(made: Releases, records: npt.NDArray[Any]) -> Releases:
     """The same releases; those whose tick ended after its deadline count as missed too, though none was skipped."""
     due_ns = records["release_ns"].astype(np.int64)
-    skips = np.diff(
-        records["missed_releases"].astype(np.int64), prepend=records["missed_releases"][:1].astype(np.int64)
-    )
     # The flag comes with the next tick.
-    overran = np.roll((records["flags"] & TelemetryFlags.deadline_missed != 0) & (skips == 0), -1)
+    overran = np.roll((records["flags"] & TelemetryFlags.deadline_missed != 0) & (_skips(records) == 0), -1)
     overran[-1:] = False
     return replace(made, skipped=made.skipped | np.isin(made.due_ns, due_ns[overran]))
 

@@ -114,10 +114,8 @@ class Journal:
                 text = path.read_text(encoding="utf-8")
             except OSError as error:
                 raise LitheError(f"nothing to resume: {error}\n  next: start without --resume") from None
-            lines = []
-            for line in text.splitlines(keepends=True):
-                if line.endswith("\n"):  # the last one may have been cut off
-                    lines.append(json.loads(line))
+            whole = text[: text.rfind("\n") + 1]  # the last line may have been cut off
+            lines = [json.loads(line) for line in whole.splitlines()]
             if not lines or lines[0] != fingerprint:
                 before = lines[0] if lines else {}
                 other = [key for key in fingerprint if before.get(key) != fingerprint[key]]

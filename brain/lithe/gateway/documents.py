@@ -20,6 +20,10 @@ LAWS = ROOT / "laws"
 CONTRACT = ROOT / "spine/law/include/lithe/law.hpp"
 CPP, MARKDOWN, JSON = "text/x-c++src", "text/markdown", "application/json"
 MOST_SWAPS_BYTES = 32 << 10
+KEPT = (
+    "; the texts of the newest 256 swaps are kept, and those of laws that are loaded or ran "
+    "since the supervisor started"
+)
 OF_A_SWAP = re.compile(r"swaps/([0-9]{1,9})(\.cpp)?")
 FIXED = {
     "contract": (CPP, "the header that every law includes", CONTRACT),
@@ -54,23 +58,13 @@ def read(name: str, records: Callable[[], Path]) -> Json:
         raise Refused("unknown_document", f"there is no document '{name}'", nearest(name, kinds))
     if name == "swaps":
         return {"name": name, "type": kinds[name], "text": json.dumps(swaps(records()))}
-    path = (
-        records() / f"{swap[1]}{swap[2] or '.json'}"
-        if swap
-        else FIXED[name][2]
-        if name in FIXED
-        else LAWS / name.removeprefix("laws/")
-    )
+    path = FIXED[name][2] if name in FIXED else LAWS / name.removeprefix("laws/")
+    if swap:
+        path = records() / f"{swap[1]}{swap[2] or '.json'}"
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        gone = (
-            "; the texts of the newest 256 swaps are kept, and those of laws that are loaded or ran "
-            "since the supervisor started"
-            if swap and swap[2]
-            else ""
-        )
-        words = f"cannot read {path.name}: {error.strerror}{gone}"
+        words = f"cannot read {path.name}: {error.strerror}" + (KEPT if swap and swap[2] else "")
         raise Refused("unknown_document", words, "documents lists those that are there") from None
     return Verbatim({"name": name, "type": kinds[name], "text": text})
 
