@@ -71,9 +71,7 @@ def search(out: Path, *words: str | Path) -> dict[str, Any]:
 
 def evolve(out: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
     env = os.environ | {"PYTHONPATH": str(ROOT / "brain")}
-    return subprocess.run(
-        [*SEARCH, out, *words], env=env, capture_output=True, text=True, timeout=300, check=False
-    )
+    return subprocess.run([*SEARCH, out, *words], env=env, capture_output=True, text=True, timeout=300, check=False)
 
 
 @pytest.fixture(scope="module")

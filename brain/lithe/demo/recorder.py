@@ -86,5 +86,8 @@ def save(records: npt.NDArray[Any], folder: Path) -> None:
             blocks.append(values)
     # One format a column keeps 64-bit times exact, which a common float array would not.
     formats = ["%d" if block.dtype.kind in "iu" else "%.6g" for block in blocks for _ in range(block.shape[1])]
-    table = np.rec.fromarrays([column for block in blocks for column in block.T], names=names)
-    np.savetxt(folder / "telemetry.csv", table, formats, ",", header=",".join(names), comments="")
+    rows = zip(*(column for block in blocks for column in block.T), strict=True)
+    with (folder / "telemetry.csv").open("w", encoding="utf-8") as file:
+        file.write(",".join(names) + "\n")
+        line = ",".join(formats) + "\n"
+        file.writelines(line % row for row in rows)

@@ -35,8 +35,8 @@ BAR = 24  # characters
 
 @contextmanager
 def evaluating(asked: argparse.Namespace) -> Iterator[Map]:
-    """Evaluates in this process, in `processes` of this machine, or on a Dask cluster: that of the address in `dask`, or
-    without one a cluster of so many processes here.
+    """Evaluates in this process, in `processes` of this machine, or on a Dask cluster: that of the address in `dask`,
+    or without one a cluster of so many processes here.
     """
     with ExitStack() as ends:
         if asked.dask is not None:
