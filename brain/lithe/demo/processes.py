@@ -206,5 +206,6 @@ def port_of(gateway: subprocess.Popen[bytes], timeout_s: float) -> int:
 
 def next_line(child: subprocess.Popen[bytes], timeout_s: float) -> bytes | None:
     """The next line of a child with an unbuffered pipe; None when none came in time, b"" at the end."""
+    assert child.stdout is not None
     ready, _, _ = select.select([child.stdout], [], [], timeout_s)
-    return child.stdout.readline() if ready and child.stdout is not None else None
+    return child.stdout.readline() if ready else None
