@@ -10,6 +10,17 @@ from itertools import pairwise, product
 from pathlib import Path
 
 import lint
+import paper
+
+# Functions and classes on the way of a law from its text to the tick: the page lists the files that define them.
+WAY_PAGE = "supervisor/README.md"
+WAY = "From text to tick"
+ON_THE_WAY = """
+    Server::read_from Verbs::handle Swaps::submit Swaps::swap_law Sequence::Until::await_suspend
+    Transaction::mark_committed ServiceLink::ask LawdLink::compile Placement::place TrialLink::attempt Service::compile
+    Placer::place Zygote::attempt run_trial SpineLink Swaps::hear Loader::stage ArenaStore::load Rehearsal::prepare
+    Slot Spine::tick ControlStep::run Laws::swap
+"""
 
 # room -> rooms it may include (itself is always allowed). The most specific room that holds a file wins.
 BASE = "spine/core spine/wire"
@@ -266,6 +277,20 @@ def check_short_form(page: str, text: str) -> Iterator[str]:
             yield f"{page}: the short form does not tell that {room} may include {', '.join(sorted(missing))}"
 
 
+def check_way(root: Path, listed: list[str], names: str = ON_THE_WAY) -> Iterator[str]:
+    """The list of files from text to tick has each file that defines a name of ON_THE_WAY, and no other."""
+    text = {path: (root / path).read_text() for path in paper.robot_sources(root)}
+    known: set[str] = set()
+    for name in names.split():
+        defined = re.compile(rf"^(?:\S[^;\n]*\b{name}\([^;{{]*|class {name} )\{{", re.MULTILINE)
+        files = [path for path in text if defined.search(text[path])]
+        there = {each for each in listed for path in files if path in (each, f"supervisor/{each}")}
+        if not there:
+            yield f"{WAY_PAGE}: '{WAY}' lacks the file that defines {name}: {', '.join(files) or 'none does'}"
+        known |= there
+    yield from (f"{WAY_PAGE}: {path} defines nothing of ON_THE_WAY" for path in listed if path not in known)
+
+
 def check_tree(root: Path) -> list[str]:
     """Every broken rule under root."""
     problems: list[str] = []
@@ -278,6 +303,7 @@ def check_tree(root: Path) -> list[str]:
         problems += check_map(page, (root / page).read_text(), root)
     problems += check_rooms_named(page, (root / page).read_text())
     problems += check_short_form(page, (root / page).read_text())
+    problems += check_way(root, paper.paths_in(root / WAY_PAGE, WAY))
     return problems
 
 

@@ -51,7 +51,8 @@ class ControlStep {
   ControlStep& operator=(const ControlStep&) = delete;
 
   // Output: `command` is u_{k+1}; `record` is this tick's telemetry, except for release, durations and counters, which
-  // the loop fills in. The report is valid until the next call.
+  // the loop fills in. `record` is also an input: its counter late_samples is increased, not set. The report is valid
+  // until the next call.
   const Report& run(const Input& in, Host& host, hal::ActuatorCommand& command, wire::Telemetry& record) LITHE_RT;
 
   wire::Mode mode() const LITHE_RT { return mode_.mode(); }

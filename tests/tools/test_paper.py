@@ -138,6 +138,8 @@ def test_a_path_that_a_page_names_and_the_tree_lacks_is_found(tmp_path: Path) ->
     assert paper.path_troubles(page, there, tmp_path) == []
     wrong = paper.path_troubles(page, "one\n`spine/loop/tock.cpp`\n", tmp_path)
     assert wrong == ["ARCHITECTURE.md:2: there is no spine/loop/tock.cpp; name what is there, or leave it out"]
+    assert paper.path_troubles(page, "read tick.cpp, spine/loop/tick.cpp\n\n    tock.cpp\n", tmp_path) == []
+    assert "no tock.cpp" in paper.path_troubles(page, "the clock (tick.cpp, tock.cpp)\n", tmp_path)[0]
     assert ROOT / page in paper.pages(ROOT) and ROOT / "docs/swap.md" in paper.pages(ROOT)
 
 

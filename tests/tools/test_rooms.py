@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The room table refuses what the design refuses."""
 
+import subprocess
 from pathlib import Path
 
+import paper
 import pytest
 import rooms
 
@@ -102,3 +104,24 @@ def test_a_folder_that_the_map_of_the_readme_lacks_is_found() -> None:
     text = (ROOT / "README.md").read_text()
     assert list(rooms.check_map("README.md", text, ROOT)) == []
     assert list(rooms.check_map("README.md", text.replace(" docs/ ", " "), ROOT)) == ["README.md: the map lacks docs/"]
+
+
+def test_the_files_from_text_to_tick_are_those_that_define_a_step_of_the_way() -> None:
+    listed = paper.paths_in(ROOT / rooms.WAY_PAGE, rooms.WAY)
+    assert list(rooms.check_way(ROOT, listed)) == []
+    assert "spine/load/rehearsal.cpp" in listed and "core/sequence.hpp" in listed
+
+
+def test_a_list_that_lacks_a_file_of_the_way_or_has_one_beside_it_is_found(tmp_path: Path) -> None:
+    (tmp_path / "supervisor/core").mkdir(parents=True)
+    (tmp_path / "spine").mkdir()
+    (tmp_path / "supervisor/core/a.cpp").write_text("bool A::ask(int x) {\n}\n")
+    (tmp_path / "supervisor/core/a.hpp").write_text("void run(int x);\nclass A {\n};\n")
+    (tmp_path / "spine/b.cpp").write_text("  A::ask(2);\nvoid run(\n    int x) LITHE_RT {\n}\n")
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    assert list(rooms.check_way(tmp_path, ["core/a.cpp", "spine/b.cpp"], "A::ask run")) == []
+    assert list(rooms.check_way(tmp_path, ["core/a.cpp", "core/a.hpp"], "A::ask run B::go")) == [
+        "supervisor/README.md: 'From text to tick' lacks the file that defines run: spine/b.cpp",
+        "supervisor/README.md: 'From text to tick' lacks the file that defines B::go: none does",
+        "supervisor/README.md: core/a.hpp defines nothing of ON_THE_WAY",
+    ]
