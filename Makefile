@@ -21,6 +21,8 @@ test: PACKAGES := build test
 test: BESIDE := -m 'not alone and not long'
 test: SAID := build/said
 test: TARGETS := $(if $(ROOM),--target $(ROOM)_tests)
+test: ROOMS := cmake --build --preset release --target help | grep -oE "[a-z0-9_]+_tests" | sed s/_tests// | sort -u
+test: KNOWN = $(if $(ROOM),{ $(ROOMS) | grep -qx $(ROOM) || { echo "make test: there is no room $(ROOM). Rooms:" $$($(ROOMS)) >&2; exit 1; }; } &&)
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
 	@rm -rf $(SAID) && mkdir -p $(SAID)
 	@ctest --preset release -j $(WORKERS) --progress --output-junit $(CURDIR)/$(SAID)/ctest.xml $(if $(ROOM),-L '(^|[.])$(ROOM)$$')
@@ -30,7 +32,7 @@ test: release  ## every test: C++ (ctest), then Python and across processes (pyt
 	@$(PYTHON) tools/summary.py $(foreach runner,ctest pytest again alone,$(SAID)/$(runner).xml)
 
 test-fast: PACKAGES := build test
-test-fast: release  ## what takes minutes left out: no property of thousands of runs, no robot started from Python
+test-fast: release  ## C++ tests without properties of thousands of runs and fuzzer seeds; of Python the tools' tests
 	@ctest --preset release -j $(WORKERS) --progress -LE '^(limits|fuzz)$$'
 	@$(PYTHON) -m pytest tests/tools tests/test_schema_roundtrip.py
 
@@ -81,7 +83,7 @@ no-other-demo:  # before anything is built: it would change the programs under t
 
 release:
 	@tools/setup $(or $(PACKAGES),build)
-	@mkdir -p build && flock build/.lock sh -c 'cmake --preset release --log-level=WARNING >/dev/null && \
+	@mkdir -p build && flock build/.lock sh -c 'cmake --preset release --log-level=WARNING >/dev/null && $(KNOWN) \
 	  cmake --build --preset release -j $(JOBS) $(TARGETS)'  # a second build waits for the first
 
 clean:  ## remove build/, out/ and .venv/

@@ -18,4 +18,4 @@ from .remote import Remote  # noqa: E402
 from .robot import Robot, connect  # noqa: E402
 
 __all__ = ["BadPlan", "LitheError", "NoSupervisor", "NotRunning", "Refused", "Remote", "Robot", "ShmError", "connect"]
-__version__ = "0.1.0"  # the one place: CMakeLists.txt and pyproject.toml read it here
+__version__ = "0.2.0.dev0"  # the one place: CMakeLists.txt and pyproject.toml read it here
