@@ -33,7 +33,7 @@ laws to the compile service and, where it compiles, to a trial with `robots/chai
 
 Text around a law is taken off before it is compiled: the answer lists what, in `cleaned`, and every line keeps its
 number. What a trial says about the control of a joint (sign, damping, degrees, a steady load ...) is computed from the
-run, never from the text; when the numbers do not show the cause, it says only what was seen.
+run, never from the text. When the numbers do not show the cause, it says only what was seen.
 
 A language model that saw only the law and the message corrected 53 of 55 of these laws at its first try (2026-11-24);
 it had read all of them before it began, and guessed nine. It missed a damping that was of the wrong sign and also too
