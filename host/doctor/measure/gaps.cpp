@@ -9,7 +9,7 @@ namespace lithe::host {
 namespace {
 
 constexpr std::int64_t kBinNs = kNsPerMs / kPhaseBins;
-constexpr std::int64_t kLongNs = kNsPerMs / 2;  // a longer gap meets every phase and tells about none
+constexpr std::int64_t kLongNs = kNsPerMs / 2;  // a longer gap covers every phase: assigned to none
 constexpr double kEquallyQuiet = 0.005;         // shares of gap time that differ by less are equal
 
 }  // namespace
