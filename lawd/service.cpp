@@ -301,7 +301,7 @@ json Service::from_cache(const Job& job) const {
     const auto bytes = read_file(base + end);
     if (!bytes || entry.value(key, "") != sha256_hex(*bytes)) return nullptr;
   }
-  std::error_code failed;  // of no use longest: the first to go
+  std::error_code failed;  // marks the entry as used now; the least recently used is removed first
   std::filesystem::last_write_time(base + ".json", std::filesystem::file_time_type::clock::now(), failed);
   json moved = entry;
   moved["object"] = base + ".so";  // the cache folder may have been moved

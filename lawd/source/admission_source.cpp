@@ -62,7 +62,7 @@ class Source {
               std::string(kWholeLaw),
           1, 1);
     }
-    if (text_.find('\0') == std::string_view::npos) check_prose();  // else it is no text at all, and told so
+    if (text_.find('\0') == std::string_view::npos) check_prose();  // a file with a NUL byte is refused as no text
     for (const Ambiguity& ambiguity : tokens_.ambiguities)
       out_.refuse(gate_, ambiguity.message, ambiguity.line, ambiguity.column);
   }
