@@ -3,8 +3,8 @@
 // them (verify_chain() checks it). Beside each is the text of its law, 0001.cpp, as it was sent, of the newest and of
 // those that can still be returned to; the certificate has its hash.
 //
-// A certificate goes on changing while its law lives (committed, measured, confirmed, rolled back, retired), so the
-// chain contains writings, not files. Each writing adds a line to chain.jsonl:
+// A certificate is rewritten until its law is unloaded (committed, measured, confirmed, rolled back, retired). Each
+// rewrite adds one line to chain.jsonl:
 //   {"file":"0007.json","sha256":<of the text as written>,"previous":<sha256 of the line before, without its newline>}
 // and every certificate carries, as "previous", the hash of the line before its own first one. A later change of a
 // certificate, a line, or their order breaks a hash.
