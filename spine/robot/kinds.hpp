@@ -19,7 +19,8 @@ enum class BusKind { loop, fdcanusb, slcan, socketcan, pi3hat };
 enum class DeviceKind { moteus, cia402, gateway, imu, cia401 };
 enum class SensorKind { analog, digital, imu };
 
-// Whose identifiers the devices of a bus use. Two protocols cannot share a bus; `own` goes with either.
+// Whose identifiers the devices of a bus use. moteus and canopen cannot share a bus; a device of protocol `own` may
+// share one with any other.
 enum class Protocol : std::uint8_t { own, moteus, canopen };
 
 // What the robot file names the hardware of a bus by.

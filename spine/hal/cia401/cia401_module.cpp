@@ -176,7 +176,7 @@ void Module::on_frame(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   }
   for (std::size_t i = 0; i < kPdos; ++i)
     if (frame.id == pdo_id(i, params_.id)) return on_inputs(i, frame, now_ns);
-  canopen::Emergency what;  // of which nothing follows: its inputs tell how old they are
+  canopen::Emergency what;  // ignored: the age of the inputs shows the fault
   if (function != canopen::cob::kEmergency || !canopen::parse_emergency(frame, what)) ++malformed_;
 }
 

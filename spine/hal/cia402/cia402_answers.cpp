@@ -104,8 +104,8 @@ ReplyKind Cia402Drive::on_answer(const Frame& frame, const Exchange& exchange, J
   if (!answer_map_.unpack(frame, raw)) return ReplyKind::malformed;
   const auto word = static_cast<std::uint16_t>(raw[0]);
   if (!decode_state(word, state)) return ReplyKind::malformed;
-  // Nothing in it tells which SYNC it answers: but ours is the only one, and what is here before it, or in an exchange
-  // that had none, answers an older one.
+  // The frame has no SYNC number. Frames received before this exchange's SYNC, or in an exchange without one, answer an
+  // older SYNC.
   if (!exchange.asked || commanded_ != exchange.number) return ReplyKind::late;
   note_state(state, (word & status_bit::kFollows) != 0);
   position_raw_ = raw[1];

@@ -87,8 +87,8 @@ void Cia402Drive::watch(const Exchange& exchange) LITHE_RT {
   }
 }
 
-// Of what no `off` forgives: the drive is reset and set up anew. Its motor is off, and nothing here is done twice in
-// kBootNs, or for one reset of the robot.
+// Resets and configures the drive again after a fault that "off" does not clear. Its motor is off. At most once in
+// kBootNs, and once for each reset of the robot.
 void Cia402Drive::find_way_out(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT {
   const bool clears = action == DriveAction::off && command.clear_fault;
   const bool asked = clears && !clearing_off_;
@@ -128,7 +128,7 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
       if (setup_.next(exchange.now_ns, sdo_, frame)) bus.send(frame);
       return;
     case Setup::Progress::done:
-      if (doubted_ && !silent_) return;  // it beats, or is silent again, soon
+      if (doubted_ && !silent_) return;  // wait: soon a heartbeat comes, or its timeout
       stage_ = Stage::running;
       reset_after_refusal_ = false;
       // No heartbeat during the set-up: report the reason.
@@ -187,7 +187,7 @@ std::uint16_t Cia402Drive::clearing_word() LITHE_RT {
   return up ? control::kFaultReset : control::kDisableVoltage;
 }
 
-// The emergency that named the fault may have been lost. Otherwise there is time for what the drive tells of itself.
+// In a fault, asks for its code: the emergency frame may have been lost. Without a fault, reads voltage and current.
 void Cia402Drive::ask(std::int64_t now_ns, Bus& bus) LITHE_RT {
   if (state_ != State::fault) asked_why_ = false;
   if (state_ == State::fault && error_code_ == 0 && !asked_why_) {

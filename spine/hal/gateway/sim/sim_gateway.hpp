@@ -13,7 +13,7 @@ namespace lithe::hal::sim {
 
 // Its inputs: analog channel c swings as 1000 * sin(2 pi t + c) counts, digital channel c blinks with 2^c periods per
 // minute, the IMU stands still and level. One block per period, in turn.
-// Contract: RT · one thread · lives on the time of the frames it sees and of on_time()
+// Contract: RT · one thread · time comes from the frames received and from on_time()
 class SimGateway final : public BusNode {
  public:
   // `fd`: whole blocks in one frame; else two channels per frame, as a classic bus carries.

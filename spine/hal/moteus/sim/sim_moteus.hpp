@@ -32,7 +32,7 @@ struct SimMoteusParams {
 // frame, a write that fails does not; invalid bytes end the frame, but the answer is still sent; a frame with another
 // drive's UUID mask is ignored. Channel 1 is the console. Flow control of streams (0x43, 0x44) is ignored, as by
 // firmware without it. Simulated are the modes 0 to 4, 9 to 13 and 15; the others are refused like an unknown value.
-// Contract: RT · one thread · lives on the time of the frames it sees
+// Contract: RT · one thread · time comes from the frames received
 class SimMoteus final : public BusNode {
  public:
   explicit SimMoteus(const SimMoteusParams& params)
