@@ -14,7 +14,7 @@ FrameRing::FrameRing(ipc::FramesMemory& memory, const robot::RobotConfig& robot,
 }
 
 bool FrameRing::wanted(std::int64_t now_ns) LITHE_RT {
-  // relaxed: it is a wish, and nothing else is read because of it.
+  // relaxed: it is only the time of a request; no other data depends on it.
   const std::uint64_t until_ns = ipc::load_word(memory_.wanted_until_ns.value, std::memory_order_relaxed);
   if (until_ns < static_cast<std::uint64_t>(now_ns)) return false;
   // Once an exchange: each of its buses asks, with the same time, while the clock goes on.

@@ -61,7 +61,7 @@ void Recovery::start(Joint& joint, double position_rad, double now_nm) LITHE_RT 
   joint.state = State::moving;
 }
 
-// Whether it comes nearer, and whether it is there. What once was inside and slipped out again starts anew.
+// Checks progress towards the limits. A joint that was inside them and leaves them again restarts its recovery.
 void Recovery::watch(Joint& joint, double position_rad) LITHE_RT {
   if (joint.state == State::stuck) return;
   if (joint.state == State::inside) {

@@ -19,10 +19,10 @@ namespace lithe::guard {
 //   inward torque fades to zero between the recover speed and twice that speed, and
 //   outward torque only brakes an inward motion: it is at most in proportion to the inward speed.
 // Within the soft stop before a limit, torque towards that limit fades as for a law. Speed is bounded, not held: a
-// joint that is let go while gravity pulls it is faster for a moment, until the load is found. A load above the cap
-// that pulls it inwards it does not hold; the guard's Envelope does, before the limit at the other end. A joint is
-// stuck when it comes no nearer to its limits for kStallS plus the time in which the torque grows to its cap, or when
-// the whole takes three times as long as the way at the recover speed, plus kPatienceS.
+// joint that gravity pulls is faster for a moment, until the load is found. A load above the cap that pulls inwards is
+// not held here; the guard's Envelope holds it, before the limit at the other end. A joint is stuck when it comes no
+// nearer to its limits for kStallS plus the time in which the torque grows to its cap. It is also stuck when the
+// recovery takes three times as long as the way at the recover speed, plus kPatienceS.
 // Contract: RT after configure() · owned by the guard · bounded work per joint
 class Recovery {
  public:
@@ -45,7 +45,7 @@ class Recovery {
 
   // Of the recovery that runs: it is inside its limits, with a margin.
   bool recovered(std::size_t joint) const LITHE_RT { return joint_[joint].state == State::inside; }
-  // It ends: this joint cannot be brought inside; why_stuck() says why.
+  // It ends: this joint cannot be brought inside its limits; why_stuck() says why.
   bool stuck(std::size_t joint) const LITHE_RT { return joint_[joint].state == State::stuck; }
   std::string_view why_stuck(std::size_t joint) const LITHE_RT;
 

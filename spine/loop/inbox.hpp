@@ -35,8 +35,7 @@ class Inbox {
   // Age of the Brain's last heartbeat [ns]; -1 before the first. A heartbeat with a time in the future is ignored.
   std::int64_t brain_age_ns(std::int64_t now_ns) const LITHE_RT;
 
-  // True while a supervisor lives: it gives a sign of life every 20 ms. Without one for kSupervisorNs it counts as
-  // gone.
+  // True while a supervisor lives: it sends a heartbeat every 20 ms. Without one for kSupervisorNs it counts as gone.
   bool supervised(std::int64_t now_ns) const LITHE_RT;
 
  private:

@@ -43,7 +43,7 @@ class Publisher {
   // Publishes an event of the loop itself.
   void event(wire::EventKind kind, std::int64_t now_ns, std::uint32_t code, double value, std::string_view text)
       LITHE_RT;
-  // Everything that a step told.
+  // All events of a step.
   void tell(const step::Report& report, const step::Laws& laws) LITHE_RT;
   // Its State, bounded by kMaxStateBytes; only the words in use are written.
   void state(const law::Resident& law) LITHE_RT;

@@ -22,7 +22,7 @@ inline double wanted_nm(const Effort& effort, const Tick& in, std::size_t j) LIT
 // Contract: RT · owned by the tick thread
 class Bumpless {
  public:
-  // The next step is a new law's first one. 0 ticks: no blend.
+  // The next step is the first one of a new law. 0 ticks: no blend.
   void start(std::uint32_t ticks) LITHE_RT {
     ticks_ = left_ = ticks;
     fresh_ = true;

@@ -132,7 +132,7 @@ void Laws::end_shadow(Shadow::Opinion opinion, std::string_view why) LITHE_RT {
   slot_.refuse(candidate);
 }
 
-// Its slot may have held another law's code.
+// Synchronises this core's instruction cache, because the slot may have held another law's code; then starts the blend.
 void Laws::greet(std::uint32_t blend_ticks) LITHE_RT {
   serialise_core();
   bumpless_.start(blend_ticks);

@@ -56,7 +56,7 @@ class Laws {
   void mend() LITHE_RT;
   // Sets all values in this tick, or, when one of them is refused, none.
   wire::CommandResult set_params(const wire::Command& command) LITHE_RT;
-  // Undo of the last parameter change; a second call redoes it.
+  // Reverts the last parameter change; a second call sets the new values again.
   wire::CommandResult revert_params(const wire::Command& command) LITHE_RT;
   // Back by `count` laws; 0 means 1.
   wire::CommandResult roll_back(const wire::Command& command) LITHE_RT;

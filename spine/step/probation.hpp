@@ -21,7 +21,7 @@ namespace lithe::step {
 //   guard       in most recent ticks the guard had to clamp a joint's torque, velocity or position, and before the
 //               commit it did not
 //   chatter     a joint's torque jumps up and down from tick to tick (law::Tremor)
-//   oscillation a joint swings to and fro without decay (law::Tremor)
+//   oscillation a joint oscillates without decay (law::Tremor)
 //   budget      the step took longer than allowed kMostLong times in a row; a single time may be the machine's fault
 // Only ticks in which the robot moves, or should move, count for the duration. A robot at rest proves nothing.
 // When the machine stopped the tick for kPauseS (at least 3.5 periods), the setpoint went on without the law: for

@@ -32,7 +32,7 @@ std::string last_column(std::string about) {
   return printable(gap == std::string::npos ? about : about.substr(gap + 2));
 }
 
-// Where the kernel sends it now; empty in a kernel or for a controller that does not tell. Else where it is allowed to.
+// The core that gets it now. If that file is empty (some kernels and controllers), the cores that it may go to.
 Result<std::vector<int>> cores_of(int number, const std::string& root) {
   const std::string folder = root + "/proc/irq/" + std::to_string(number);
   if (const auto effective = read_regular_file(folder + "/effective_affinity_list", kMostListBytes)) {
