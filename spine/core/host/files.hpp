@@ -13,7 +13,7 @@ namespace lithe {
 inline constexpr std::size_t kMaxLawBytes = std::size_t{1} << 20;     // of a law's source
 inline constexpr std::size_t kMaxConfigBytes = std::size_t{1} << 20;  // of a robot file
 
-// The bytes of a regular file, `most_bytes` at most. A directory, a device, a pipe and a larger file are errors, such as
+// The bytes of a regular file, `most_bytes` at most. A directory, a device, a pipe and a larger file are errors:
 // "<path>: is a directory, not a file". Never waits (a pipe without a writer) and never reads without end (/dev/zero).
 Result<std::string> read_regular_file(const std::string& path, std::size_t most_bytes);
 
