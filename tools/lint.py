@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rules about the text of the tree: lengths, licence lines, unfinished words, and the list of RT exemptions."""
+"""Rules about the text of the tree: lengths, licence lines, words, unfinished work, and the list of RT exemptions."""
 
 import ast
 import re
@@ -29,7 +29,28 @@ GENERATED = re.compile(r"^spine/wire/|^brain/lithe/_wire\.py$|^brain/lithe/_shm/
 CPP = (".cpp", ".hpp", ".c", ".h")
 SPDX = "SPDX-License-Identifier: Apache-2.0"
 NEEDS_SPDX = re.compile(r"(\.(cpp|hpp|c|h|py|sh|toml|cmake|yml)|CMakeLists\.txt|Makefile|tools/setup|\.ci/run)$")
+MAX_MARKDOWN_COLUMNS = 140
+MADE_PAGES = re.compile(r"^docs/reference/(cli|python|wire)\.md$|^docs/mistakes\.md$")
 EXEMPTION = re.compile(r'LITHE_RT_EXEMPT\(\s*"([^"]+)"')
+
+# Words of the glossary's last column (CONTRIBUTING.md): what to say instead, in which files, and what is right there
+# all the same. A word counts in names, too: `free_place` and `FreePlace` have "place".
+FORBIDDEN = (
+    ("transactions?", "swap", "", "SPI transaction|IEEE Transactions|transactional"),
+    ("rides?", "simulated run", "", ""),
+    ("mishaps?|befalls?|meddles?", "fault, or fault injection", "", ""),
+    ("bridges?", "gateway, or migration", "", ""),
+    ("conversations?", "exchange", "^spine/", ""),
+    ("beats?", "heartbeat", r"^(spine|supervisor)/(?!.*test)", ""),
+    ("troubles?", "fault, error or problem", r"^(spine|supervisor|trial|host|lawd)/(?!.*test)", '"trouble"'),
+    ("demands?", "setpoint", r"^spine/hal/cia402/[^/]*$", ""),
+    ("box", "answer that is still to come", "^supervisor/(core|swap)/", r'box_ms|--box|"box'),
+    ("places?", "slot, resident or index", r"^spine/(load/(?!.*test)|law/slot)", ""),
+    ("morning|evening", "start-up, shutdown", "^supervisor/", ""),
+)
+KEEP_THEIR_WORDS = re.compile(
+    r"^(CHANGELOG|CONTRIBUTING)\.md$|^docs/(adr|transcripts)/|^tools/lint\.py$|/test_lint\.py$"
+)
 
 
 def python_functions(text: str) -> Iterator[tuple[int, int]]:
@@ -69,6 +90,31 @@ def check_style(path: str, text: str) -> Iterator[str]:
             yield f"{path}:{number}: 'Contract:' begins a line of its own"
 
 
+def check_words(path: str, text: str) -> Iterator[str]:
+    """Words that the glossary replaces, in names, comments and pages. Old decisions keep theirs."""
+    if GENERATED.search(path) or KEEP_THEIR_WORDS.search(path):
+        return
+    rules = [rule for rule in FORBIDDEN if re.search(rule[2], path)]
+    for number, line in enumerate(text.splitlines(), 1):
+        for words, instead, _, right in rules:
+            said = re.sub(right, "", line) if right else line
+            said = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|_", " ", said)
+            if match := re.search(rf"\b({words})\b", said, re.IGNORECASE):
+                yield f"{path}:{number}: '{match[0]}' is not in the glossary (CONTRIBUTING.md): say {instead}"
+
+
+def check_columns(path: str, text: str) -> Iterator[str]:
+    """Lines of Markdown that an editor would wrap, but for tables, code, and what no space divides."""
+    if MADE_PAGES.search(path):
+        return
+    code = False
+    for number, line in enumerate(text.splitlines(), 1):
+        code ^= line.lstrip().startswith("```")
+        can_break = " " in re.sub(r"`[^`]*`|\]\([^)]*\)", "", line.strip())
+        if len(line) > MAX_MARKDOWN_COLUMNS and can_break and not code and not re.match(r" *\||#| {4,}\S", line):
+            yield f"{path}:{number}: {len(line)} columns; {MAX_MARKDOWN_COLUMNS} at most: break the line"
+
+
 def check_unfinished(path: str, text: str) -> Iterator[str]:
     """Marks of unfinished work: those belong into an issue."""
     if path.startswith(("tools/lint.py", "tests/tools/")):
@@ -106,6 +152,10 @@ def main(root: Path) -> int:
     excuses: list[str] = []
     paths = tracked(root)
     for path in paths:
+        if path.endswith((*CPP, ".py", ".md")):
+            problems += check_words(path, (root / path).read_text())
+        if path.endswith(".md"):
+            problems += check_columns(path, (root / path).read_text())
         if not path.endswith((*CPP, ".py")) and not NEEDS_SPDX.search(path):
             continue
         text = (root / path).read_text()

@@ -86,3 +86,44 @@ def test_a_line_over_120_columns_is_refused_in_a_comment_and_in_code() -> None:
 def test_a_contract_begins_a_line() -> None:
     assert style("// Reads it.\n// Contract: RT\n// a  Contracts: x\n") == []
     assert style("// Reads it. Contract: RT\n") == ["'Contract:' begins a line of its own"]
+
+
+def test_a_word_that_the_glossary_replaces_is_found_in_names_comments_and_pages() -> None:
+    for path, line, word in [
+        ("supervisor/swap/a.cpp", "void begin(Transaction& swap);", "Transaction"),
+        ("supervisor/swap/a.cpp", "  open_transaction();", "transaction"),
+        ("docs/swap.md", "A swap is a transaction.", "transaction"),
+        ("brain/lithe/robot.py", "# the bridge to agents", "bridge"),
+        ("spine/load/loader.cpp", "law::Resident* freePlace();", "Place"),
+        ("spine/loop/tick.cpp", "out_.beat(now_ns);", "beat"),
+    ]:
+        found = list(lint.check_words(path, f"\n{line}\n"))
+        assert len(found) == 1 and found[0].startswith(f"{path}:2: '{word}' is not in the glossary"), (line, found)
+
+
+def test_a_word_in_its_own_meaning_is_not_found() -> None:
+    for path, line in [
+        ("supervisor/bus/plan/traffic.cpp", "// Time of a pi3hat's SPI transaction."),
+        ("supervisor/swap/swap.cpp", "request.box_ms = 150;  // in the sandbox"),
+        ("spine/loop/tick.cpp", "out_.heartbeat(now_ns);"),
+        ("brain/lithe/agent/prompt.py", "# the conversation of one round"),
+        ("spine/load/loader.hpp", "// laws that lawd placed"),
+        ("docs/adr/0018-a-swap-is-one-sequence.md", "`Transaction` was a class."),
+    ]:
+        assert list(lint.check_words(path, line)) == [], line
+
+
+def test_a_long_line_of_markdown_is_found_but_not_in_a_table_in_code_or_without_a_space() -> None:
+    long = "word " * 30
+    assert list(lint.check_columns("docs/a.md", f"{long}\n")) == [
+        "docs/a.md:1: 150 columns; 140 at most: break the line"
+    ]
+    for line in (
+        f"| {long} |",
+        f"    {long}",
+        f"# {long}",
+        f"```\n{long}\n```",
+        f"[x](http://{'a' * 150})",
+        long[:140],
+    ):
+        assert list(lint.check_columns("docs/a.md", f"{line}\n")) == [], line
