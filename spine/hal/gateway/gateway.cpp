@@ -7,7 +7,6 @@
 namespace lithe::hal::gateway {
 namespace {
 
-constexpr std::size_t kHeader = 4;
 constexpr std::int64_t kStampNs = 100'000;
 constexpr std::int64_t kLongestSilenceNs = 3'000'000'000;  // half the range of a time stamp
 constexpr std::int64_t kDriftShare = 2000;                 // maximum clock drift assumed: 1 / 2000

@@ -29,6 +29,7 @@ namespace lithe::hal::gateway {
 inline constexpr std::uint32_t kIdBase = 0x10400000;
 inline constexpr std::uint32_t kIdMask = 0x1fff8000;
 inline constexpr std::size_t kChannels = 16;  // of each block
+inline constexpr std::size_t kHeader = 4;     // bytes of a frame before its channels
 inline constexpr std::int16_t kInvalid = -32768;
 
 // The unit of a count is the sensor's `scale` in robot.toml.

@@ -49,7 +49,6 @@ class GatewayScanner final : public Scanner {
 std::unique_ptr<Scanner> make_scanner() { return std::make_unique<GatewayScanner>(); }
 
 FrameText frame_text(const Frame& frame, const FrameContext& /*context*/) {
-  constexpr std::size_t kHeader = 4;
   FrameText decoded{false, node_of(frame), ""};
   const std::uint32_t block = frame.id & 0xff;
   const auto bytes = frame.payload();

@@ -8,8 +8,8 @@ namespace lithe::hal::sim {
 namespace {
 
 using gateway::Block;
+using gateway::kHeader;
 
-constexpr std::size_t kHeader = 4;
 constexpr std::size_t kImuChannels = 10;
 constexpr double kAmplitude = 1000;
 constexpr std::int16_t kOne = 30000;  // of the quaternion

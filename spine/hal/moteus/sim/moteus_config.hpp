@@ -5,12 +5,16 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <string_view>
 
 #include "spine/core/rt.hpp"
 #include "spine/hal/moteus/sim/servo.hpp"
 
 namespace lithe::hal::sim {
+
+// What the firmware says of a number that it does not have.
+inline constexpr double kNotSet = std::numeric_limits<double>::quiet_NaN();
 
 // The settings by the names of the firmware, as the console reads and writes them: those simulated here, and those that
 // tools read. Each has a present value and a stored value, which is loaded at a restart.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The registers of a simulated moteus: values and access rights.
 #include <array>
-#include <limits>
 #include <numbers>
 
 #include "spine/hal/moteus/sim/sim_moteus.hpp"
@@ -13,8 +12,6 @@ using moteus::Mode;
 namespace reg = moteus::reg;
 
 namespace {
-
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 // The stay_within registers from 042 on are aliases of these.
 constexpr std::array<std::uint32_t, 7> kShadowed{reg::kCommandTorque, reg::kKpScale,  reg::kKdScale,
@@ -57,7 +54,7 @@ double wrapped_ms(std::int64_t ms, Format format) LITHE_RT {
   if (format == Format::int32) return static_cast<std::int32_t>(ms);
   const bool byte = format == Format::int8;
   const double count = byte ? static_cast<std::int8_t>(ms) : static_cast<std::int16_t>(ms);
-  return count == (byte ? -128 : -32768) ? kNan : count;
+  return count == (byte ? -128 : -32768) ? kNotSet : count;
 }
 
 }  // namespace
@@ -146,7 +143,7 @@ std::optional<double> SimMoteus::read_ports(std::uint32_t number, Format format)
   if (within(number, reg::kAuxGpioStatus, gpio_.size())) return gpio_[number - reg::kAuxGpioStatus];
   if (number == reg::kMillisecondCounter) return wrapped_ms(servo.time_ns() / 1'000'000, format);
   // Of each port: period, duty cycle.
-  if (within(number, reg::kPwmInput, 4)) return (number - reg::kPwmInput) % 2 == 0 ? 0 : kNan;
+  if (within(number, reg::kPwmInput, 4)) return (number - reg::kPwmInput) % 2 == 0 ? 0 : kNotSet;
   const bool there =
       within(number, reg::kEncoder, 6) || within(number, reg::kAux1Analog, 5) || within(number, reg::kAux2Analog, 5);
   return there ? std::optional(0.0) : std::nullopt;
