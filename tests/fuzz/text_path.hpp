@@ -65,7 +65,8 @@ inline void through_terminal(hal::TextBus& bus, std::string_view text, Input& cu
   };
   bus.begin(0);
   while (!text.empty()) {
-    const std::size_t size = std::min<std::size_t>(1 + cuts.byte() * 4U, text.size());
+    // The rest at once: a write to a terminal takes longer than reading a line.
+    const std::size_t size = cuts.empty() ? text.size() : std::min<std::size_t>(1 + cuts.byte() * 4U, text.size());
     pty().say(text.substr(0, size));
     text.remove_prefix(size);
     take();
