@@ -290,9 +290,8 @@ def test_a_drive_that_takes_no_torques_is_refused_by_name(tmp_path: Path, mode: 
     told = rf"device 'boom_drive' of joint 'boom' has mode = \"{mode}\".*next: mode = \"torque\""
     with pytest.raises(demo.LitheError, match="(?s)" + told):
         demo.with_truth(tmp_path / "own.toml", demo.simulated_joints(tmp_path / "own.toml"))
-    told = f'[defaults.device]\nkind = "cia402"\nmode = "{mode}"'
-    defaults = text.replace('mode = "torque"', "").replace("[defaults.device]", told)
-    (tmp_path / "all.toml").write_text(defaults)
+    common = f'[defaults.device]\nkind = "cia402"\nmode = "{mode}"'
+    (tmp_path / "all.toml").write_text(text.replace('mode = "torque"', "").replace("[defaults.device]", common))
     with pytest.raises(demo.LitheError, match=r"device 'column_drive' of joint 'column'"):
         demo.with_truth(tmp_path / "all.toml", demo.simulated_joints(tmp_path / "all.toml"))
 
