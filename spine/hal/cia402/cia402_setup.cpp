@@ -215,68 +215,46 @@ bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
   }
 }
 
+namespace {
+
+// By NotReadyKind. 0: the object, 1: the abort code, 2: the value, 3: its low 16 bits, 4: its low 8 bits as a number
+// with a sign, 5: as a state, 6: in thousandths.
+constexpr const char* kNotReady[] = {
+    "",
+    "no boot-up message after a reset; check its power, cable, node id and bit rate",
+    "no answer when asked for object {0}; check the cable",
+    "object {0} is refused with abort {1}; the drive lacks what LITHE needs of it",
+    "device type {0} = 0x{2:08X} is profile {3}, not 402; give the robot file the id of a drive",
+    "supported modes {0} = 0x{2:08X} lack the mode of the robot file; choose another mode",
+    "rated torque {0} = {2} mNm is not the robot file's rated_torque_nm; correct the one that is wrong",
+    "max torque {0} = {2} thousandths of the rated torque is more than torque_max_nm, and the drive takes no less from "
+    "here: what it does by itself (quick stop, fault reaction) would have more; set it lower in the drive, or raise "
+    "torque_max_nm",
+    "mode display {0} stays at {4}; the drive does not take the mode of the robot file",
+    "left the state operational by itself (now 0x{2:02X}) and is being set up again",
+    "no heartbeat (1017h); check its power and cable; while it is switched off (reset) it is reset and set up anew "
+    "every 5 s",
+    "does not answer; stopped until it is switched off and on (reset, arm)",
+    "stopped by itself (now: {5}); check torque-off inputs and limit switches, then switch it off and on (reset, arm)",
+    "cannot be switched on (now: {5}); check its power stage, torque-off inputs and brake, then switch it off and on "
+    "(reset, arm)",
+    "velocity 606Ch is {6:.3f} of how fast position 6064h changes; set the drive's velocity unit to counts per second",
+};
+constexpr const char* kNoMaxTorque =
+    "max torque {0} is refused with abort {1}; without it nothing keeps what the drive does by itself (quick stop, "
+    "fault reaction) below torque_max_nm";
+
+}  // namespace
+
 std::string describe(const NotReadyReason& not_ready) {
+  const auto& [index, subindex] = not_ready.address;
   const std::uint32_t value = not_ready.value;
-  const std::string where = fmt::format("{:04X}h:{:02X}", not_ready.address.index, not_ready.address.subindex);
-  const std::string why = fmt::format("0x{:08X} ({})", value, canopen::abort_name(value));
-  const std::string_view state = state_name(static_cast<State>(value));
-  switch (not_ready.kind) {
-    case NotReadyKind::none:
-      return "";
-    case NotReadyKind::not_booted:
-      return "no boot-up message after a reset; check its power, cable, node id and bit rate";
-    case NotReadyKind::no_answer:
-      return "no answer when asked for object " + where + "; check the cable";
-    case NotReadyKind::refused:
-      if (not_ready.address.index != object::kMaxTorque)
-        return fmt::format("object {} is refused with abort {}; the drive lacks what LITHE needs of it", where, why);
-      return fmt::format(
-          "max torque {} is refused with abort {}; without it nothing keeps what the drive does by itself "
-          "(quick stop, fault reaction) below torque_max_nm",
-          where, why);
-    case NotReadyKind::not_a_drive:
-      return fmt::format("device type {} = 0x{:08X} is profile {}, not 402; give the robot file the id of a drive",
-                         where, value, value & 0xffff);
-    case NotReadyKind::mode_unsupported:
-      return fmt::format("supported modes {} = 0x{:08X} lack the mode of the robot file; choose another mode", where,
-                         value);
-    case NotReadyKind::rated_torque:
-      return fmt::format(
-          "rated torque {} = {} mNm is not the robot file's rated_torque_nm; correct the one that is wrong", where,
-          value);
-    case NotReadyKind::torque_limit:
-      return fmt::format(
-          "max torque {} = {} thousandths of the rated torque is more than torque_max_nm, and the drive "
-          "takes no less from here: what it does by itself (quick stop, fault reaction) would have more; "
-          "set it lower in the drive, or raise torque_max_nm",
-          where, value);
-    case NotReadyKind::mode_not_taken:
-      return fmt::format("mode display {} stays at {}; the drive does not take the mode of the robot file", where,
-                         static_cast<int>(static_cast<std::int8_t>(value)));
-    case NotReadyKind::left_operational:
-      return fmt::format("left the state operational by itself (now 0x{:02X}) and is being set up again", value);
-    case NotReadyKind::silent:
-      return "no heartbeat (1017h); check its power and cable; while it is switched off (reset) it is reset and set up "
-             "anew every 5 s";
-    case NotReadyKind::unheard:
-      return "does not answer; stopped until it is switched off and on (reset, arm)";
-    case NotReadyKind::left_enabled:
-      return fmt::format(
-          "stopped by itself (now: {}); check torque-off inputs and limit switches, then switch it off and "
-          "on (reset, arm)",
-          state);
-    case NotReadyKind::not_enabled:
-      return fmt::format(
-          "cannot be switched on (now: {}); check its power stage, torque-off inputs and brake, then "
-          "switch it off and on (reset, arm)",
-          state);
-    case NotReadyKind::velocity_unit:
-      return fmt::format(
-          "velocity 606Ch is {:.3f} of how fast position 6064h changes; set the drive's velocity unit to "
-          "counts per second",
-          static_cast<std::int32_t>(value) * 1e-3);
-  }
-  return "";
+  const bool no_limit = not_ready.kind == NotReadyKind::refused && index == object::kMaxTorque;
+  return fmt::format(fmt::runtime(no_limit ? kNoMaxTorque : kNotReady[static_cast<std::size_t>(not_ready.kind)]),
+                     fmt::format("{:04X}h:{:02X}", index, subindex),
+                     fmt::format("0x{:08X} ({})", value, canopen::abort_name(value)), value, value & 0xffff,
+                     static_cast<int>(static_cast<std::int8_t>(value)), state_name(static_cast<State>(value)),
+                     static_cast<std::int32_t>(value) * 1e-3);
 }
 
 }  // namespace lithe::hal::cia402
