@@ -20,9 +20,9 @@ int main(int argc, char** argv) {
   const auto read = std::from_chars(word.data(), word.data() + word.size(), compile_s);
   const bool is_number = read.ec == std::errc() && read.ptr == word.data() + word.size();
   if (argc > 2 || (argc == 2 && !(is_number && compile_s >= 1 && compile_s <= 600))) {
-    std::cerr << "usage: " << argv[0]
-              << " [SECONDS]   (that the compiler may take, 1 to 600; JSON lines on stdin and stdout; see "
-                 "lawd/README.md)\n";
+    std::cerr
+        << "usage: " << argv[0]
+        << " [SECONDS]   (that the compiler may take, 1 to 600; JSON lines on stdin and stdout; see lawd/README.md)\n";
     return 2;
   }
   lithe::lawd::be_patient(compile_s / kUsualS);

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/service.hpp"
 
+#include <fmt/format.h>
+
 #include <chrono>
-#include <cstdio>
 #include <filesystem>
 
 #include "lawd/compile/diagnostics.hpp"
 #include "lawd/core/admission.hpp"
-#include "lawd/core/answers.hpp"
 #include "lawd/object/admission_lines.hpp"
 #include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
@@ -44,11 +44,11 @@ json over_budget(const json& entry, const std::string& name, const json& budget_
   if (budget_ns.is_null() || !entry.value("ok", false)) return nullptr;
   const double step_ns = entry["dry_step_max_ns"], budget = budget_ns;
   if (step_ns <= budget) return nullptr;
-  char reason[160];
-  std::snprintf(reason, sizeof reason,
-                "a step takes up to %.1f us here and the robot leaves it %.1f us: do less in step(), or less often",
-                step_ns * 1e-3, budget * 1e-3);
-  return refuse_whole("dry_run", name, reason);
+  return refuse_whole(
+      "dry_run", name,
+      fmt::format(
+          "a step takes up to {:.1f} us here and the robot leaves it {:.1f} us: do less in step(), or less often",
+          step_ns * 1e-3, budget * 1e-3));
 }
 
 // A safe file name: letters, digits, dot, dash, underscore; ends in .cpp.
@@ -62,10 +62,6 @@ std::string safe_name(const std::string& wanted) {
   if (name.empty()) name = "law";
   if (!name.ends_with(".cpp")) name += ".cpp";
   return name;
-}
-
-double since_ms(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
 // Duration of each step of a build.
@@ -231,13 +227,12 @@ json Service::run_compiler(const Job& job, const std::string& file, const std::s
   }
   if (outcome.starved) return refuse_starved(starved_text("the compiler", outcome));
   if (outcome.timed_out) {
-    char reason[256];
-    std::snprintf(
-        reason, sizeof reason,
-        "the compiler had %.1f s of the processor in %.1f s (it may have %.0f s: swap.compile_s of the robot file) and "
-        "was not done: make the law smaller, with fewer templates and constant expressions",
-        outcome.cpu_ms * 1e-3, outcome.wall_ms * 1e-3, patience() * compiler_.cpu_s);
-    return refuse_whole("compile", job.name, reason);
+    return refuse_whole(
+        "compile", job.name,
+        fmt::format(
+            "the compiler had {:.1f} s of the processor in {:.1f} s (it may have {:.0f} s: swap.compile_s of the robot "
+            "file) and was not done: make the law smaller, with fewer templates and constant expressions",
+            outcome.cpu_ms * 1e-3, outcome.wall_ms * 1e-3, patience() * compiler_.cpu_s));
   }
   if (!outcome.clean() && memory_is_full(outcome.output)) {
     return refuse_whole("compile", job.name,

@@ -6,6 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "spine/core/result.hpp"
+
 namespace lithe::host {
 
 // The text of one file, or why there is none. A file that cannot be read never counts as "in order".
@@ -40,5 +42,9 @@ class HostFiles {
  private:
   std::string root_;
 };
+
+// The text of a file packed with gzip: /proc/config.gz. An error, which names the file, when it is absent, not packed,
+// damaged, cut short, or larger than that once unpacked.
+Result<std::string> read_packed(const HostFiles& files, const std::string& path, std::size_t most_bytes);
 
 }  // namespace lithe::host

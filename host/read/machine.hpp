@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "host/read/files.hpp"
+#include "spine/core/result.hpp"
 
 namespace lithe::host {
 
@@ -48,5 +49,42 @@ KernelFacts kernel_facts(const HostFiles& files);
 std::optional<std::pair<int, int>> kernel_version(const HostFiles& files);
 // The same of a name as "6.12.1-arm64". Nothing when it does not begin so.
 std::optional<std::pair<int, int>> kernel_version(std::string_view release);
+
+// How often a core was interrupted since the boot, by cause: x86 and ARM name the rows differently. Off the tick.
+
+struct DeviceCount {
+  int number = 0;  // as in /proc/irq
+  std::string name;
+  std::uint64_t count = 0;
+};
+
+// Nothing where /proc/interrupts has no such row.
+struct CoreInterrupts {
+  std::optional<std::uint64_t> timer;  // LOC; ARM: arch_timer
+  std::optional<std::uint64_t> cores;  // from other cores: RES, CAL, TLB; ARM: IPI0, IPI1, ...
+  std::vector<DeviceCount> devices;
+
+  std::uint64_t device_total() const;
+};
+
+// The error names the file.
+Result<CoreInterrupts> count_interrupts(const HostFiles& files, int cpu);
+
+// The cpuset partitions of cgroup v2, all of them: spine/core/host/cores.hpp tells only the one that a process is in.
+
+struct Partition {
+  Reading kind;           // cpuset.cpus.partition: "isolated", "root", "isolated invalid (...)"
+  Reading wanted;         // cpuset.cpus
+  std::vector<int> cpus;  // cpuset.cpus.effective, ascending
+
+  bool is_isolated() const { return kind.value == "isolated"; }
+  bool is_invalid() const { return kind.value.find(" invalid") != std::string::npos; }
+};
+
+// Where cgroup v2 is mounted: "/sys/fs/cgroup", or "/sys/fs/cgroup/unified" beside cgroup v1; empty if it is not.
+std::string cgroup2_folder(const HostFiles& files);
+
+// Of all groups except plain members, and those whose files cannot be read. Six levels of groups at most.
+std::vector<Partition> read_partitions(const HostFiles& files);
 
 }  // namespace lithe::host

@@ -4,9 +4,7 @@
 
 #include <vector>
 
-#include "host/read/interrupt_counts.hpp"
 #include "host/read/machine.hpp"
-#include "host/read/partitions.hpp"
 #include "host/read/tasks.hpp"
 #include "host/read/words.hpp"
 #include "host/test/machines.hpp"

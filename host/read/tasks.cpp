@@ -52,7 +52,7 @@ void read_process(const HostFiles& files, const std::string& pid, Tasks& tasks) 
 
 }  // namespace
 
-bool Task::may_run_on(int cpu) const { return std::binary_search(cpus.begin(), cpus.end(), cpu); }
+bool Task::may_run_on(int cpu) const { return std::ranges::binary_search(cpus, cpu); }
 
 std::optional<Task> read_task(const HostFiles& files, const std::string& path) {
   const std::string pid = path.substr(6, path.find('/', 6) - 6), tid = path.substr(path.rfind('/') + 1);  // "/proc/"
@@ -76,8 +76,8 @@ Tasks read_tasks(const HostFiles& files, const std::vector<int>& pids) {
   for (const std::string& pid : files.list("/proc"))
     if (whole_number<unsigned>(pid)) read_process(files, pid, tasks);
   const auto named = [&](int pid, const char* name) {
-    return std::any_of(tasks.all.begin(), tasks.all.end(),
-                       [&](const Task& each) { return each.pid == pid && (*name == '\0' || each.name == name); });
+    return std::ranges::any_of(
+        tasks.all, [&](const Task& each) { return each.pid == pid && (*name == '\0' || each.name == name); });
   };
   // Only the first process id namespace has the kernel's own threads; hidepid hides them as it hides process 1.
   if (tasks.is_whole() && (!named(2, "kthreadd") || !named(1, "")))

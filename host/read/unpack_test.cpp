@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/read/unpack.hpp"
+#include "host/read/files.hpp"
 
 #include <gtest/gtest.h>
 #include <zlib.h>

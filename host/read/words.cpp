@@ -6,41 +6,38 @@
 #include <cstdint>
 #include <sstream>
 
+#include "spine/core/lookup.hpp"
+
 namespace lithe::host {
 namespace {
 
 constexpr int kGroupBits = 32;
 constexpr std::size_t kCoresInADigit = 4;
 
+std::string_view trimmed(std::string_view text) {
+  text.remove_prefix(std::min(text.find_first_not_of(" \t"), text.size()));
+  return text.substr(0, text.find_last_not_of(" \t") + 1);
+}
+
 }  // namespace
 
 std::string field_of(const std::string& text, const std::string& name) {
-  std::istringstream lines(text);
-  for (std::string line; std::getline(lines, line);) {
+  for (const std::string_view line : lines_in(text)) {
     const std::size_t colon = line.find(':');
-    if (colon == std::string::npos) continue;
-    std::string key = line.substr(0, colon);
-    key.erase(key.find_last_not_of(" \t") + 1);
-    if (key != name) continue;
-    std::string value = line.substr(colon + 1);
-    value.erase(0, value.find_first_not_of(" \t"));
-    value.erase(value.find_last_not_of(" \t") + 1);
-    return value;
+    if (!line.starts_with(name) || colon == std::string_view::npos || trimmed(line.substr(0, colon)) != name) continue;
+    return std::string(trimmed(line.substr(colon + 1)));
   }
   return "";
 }
 
-std::vector<std::string> split(const std::string& text) {
+std::vector<std::string> split(std::string_view text) {
   std::vector<std::string> words;
-  std::istringstream in(text);
+  std::istringstream in{std::string(text)};
   for (std::string word; in >> word;) words.push_back(word);
   return words;
 }
 
-bool has_word(const std::string& text, const std::string& word) {
-  const std::vector<std::string> words = split(text);
-  return std::find(words.begin(), words.end(), word) != words.end();
-}
+bool has_word(std::string_view text, std::string_view word) { return contains(split(text), word); }
 
 std::string chosen(const std::string& text) {
   const std::size_t open = text.find('['), close = text.find(']');
@@ -64,7 +61,7 @@ std::optional<std::vector<int>> parse_mask(const std::string& text) {
   }
   if (groups.empty() || text.ends_with(',')) return std::nullopt;
   std::vector<int> cpus;
-  std::reverse(groups.begin(), groups.end());
+  std::ranges::reverse(groups);
   for (std::size_t group = 0; group < groups.size(); ++group) {
     for (int bit = 0; bit < kGroupBits; ++bit)
       if ((groups[group] >> bit & 1U) != 0) cpus.push_back(static_cast<int>(group) * kGroupBits + bit);
@@ -79,7 +76,7 @@ std::string mask_of(const std::vector<int>& cpus, const std::string& like) {
     if (mask[i] == ',') continue;
     std::size_t digit = 0;
     for (std::size_t bit = 0; bit < kCoresInADigit; ++bit) {
-      if (!std::binary_search(cpus.begin(), cpus.end(), static_cast<int>(first + bit))) continue;
+      if (!std::ranges::binary_search(cpus, static_cast<int>(first + bit))) continue;
       digit |= std::size_t{1} << bit;
       ++fitted;
     }

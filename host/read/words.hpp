@@ -4,6 +4,7 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace lithe::host {
@@ -13,8 +14,8 @@ namespace lithe::host {
 std::string field_of(const std::string& text, const std::string& name);
 
 // The words of a text, separated by spaces, tabs and line ends.
-std::vector<std::string> split(const std::string& text);
-bool has_word(const std::string& text, const std::string& word);
+std::vector<std::string> split(std::string_view text);
+bool has_word(std::string_view text, std::string_view word);
 
 // The word in brackets: "always [madvise] never" gives "madvise"; empty if there is none.
 std::string chosen(const std::string& text);

@@ -32,17 +32,11 @@ void plan_text(const HostFiles& files, Plan& plan, const Text& wanted) {
   if (!files.is_folder(wanted.folder)) return;  // this system has no such folder
   const std::string path = wanted.folder + "/" + wanted.name;
   const Reading now = files.read(path);
-  if (!now.known() && !now.is_absent()) {
-    plan.not_done.push_back({wanted.item, path, std::strerror(now.error)});
-    return;
-  }
+  if (!now.known() && !now.is_absent()) return plan.not_done.push_back({wanted.item, path, std::strerror(now.error)});
   Change change{ChangeKind::file, wanted.item, path, now.is_absent(), "", kWritten + wanted.text, wanted.why};
   if (now.known()) {
     const Result<std::string> bytes = read_regular_file(files.root() + path, kMostBytes);
-    if (!bytes) {
-      plan.not_done.push_back({wanted.item, path, bytes.message()});
-      return;
-    }
+    if (!bytes) return plan.not_done.push_back({wanted.item, path, bytes.message()});
     change.before = *bytes;
   }
   if (change.was_absent || change.before != change.after) plan.changes.push_back(std::move(change));
@@ -50,7 +44,7 @@ void plan_text(const HostFiles& files, Plan& plan, const Text& wanted) {
 
 // What may stand between the quotes of a rule.
 bool is_plain(const std::string& text) {
-  return !text.empty() && std::all_of(text.begin(), text.end(), [](unsigned char each) {
+  return !text.empty() && std::ranges::all_of(text, [](unsigned char each) {
     return std::isalnum(each) != 0 || std::strchr("._:-", each) != nullptr;
   });
 }

@@ -28,4 +28,11 @@ Plan unit_plan(const HostFiles& files, const std::string& program, const std::ve
 // `not_done`.
 Plan rules_plan(const HostFiles& files, const robot::RobotConfig& robot);
 
+// Kernel settings, until the next boot, that keep other work off the robot's cores.
+
+// The settings that differ: interrupts, workqueues, watchdogs, timers, memory scanning, frequency. `cores`: the
+// robot's, ascending. A setting that this kernel does not have is left out; one that cannot be read is `not_done`, with
+// the reason. Only reads.
+Plan runtime_plan(const HostFiles& files, const std::vector<int>& cores);
+
 }  // namespace lithe::host

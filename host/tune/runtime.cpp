@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/tune/runtime.hpp"
+#include "host/tune/lasting.hpp"
 
 #include <algorithm>
 #include <cstring>
@@ -128,7 +128,7 @@ void plan_frequency(Planner& plan) {
     if (!policy.starts_with("policy")) continue;
     const std::string folder = root + "/" + policy;
     std::string cores = plan.files().read(folder + "/related_cpus").value;
-    std::replace(cores.begin(), cores.end(), ' ', ',');
+    std::ranges::replace(cores, ' ', ',');
     if (!share_a_core(parse_cpu_list(cores), plan.cores())) continue;
     const Rule rule{"governor", folder + "/scaling_governor", "a core that is slow at first makes the first ticks late",
                     exactly("performance")};

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/tune/runtime.hpp"
+#include "host/tune/lasting.hpp"
 
 #include <gtest/gtest.h>
 

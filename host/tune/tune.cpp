@@ -10,8 +10,8 @@
 
 #include "host/tune/boot/boot.hpp"
 #include "host/tune/lasting.hpp"
-#include "host/tune/shield/partition.hpp"
 #include "host/tune/shield/shield.hpp"
+#include "host/tune/shield/shield_plan.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/shield_group.hpp"
 
@@ -21,9 +21,9 @@ namespace {
 constexpr const char* kReloadRules = "udevadm control --reload && udevadm trigger";
 
 void add(TunePlan& plan, Plan part) {
-  std::move(part.changes.begin(), part.changes.end(), std::back_inserter(plan.changes));
-  std::move(part.not_done.begin(), part.not_done.end(), std::back_inserter(plan.not_done));
-  std::move(part.notes.begin(), part.notes.end(), std::back_inserter(plan.notes));
+  std::ranges::move(part.changes, std::back_inserter(plan.changes));
+  std::ranges::move(part.not_done, std::back_inserter(plan.not_done));
+  std::ranges::move(part.notes, std::back_inserter(plan.notes));
 }
 
 // The boot line, for the first of the robot's cores (the Spine's) without a tick.
@@ -35,10 +35,7 @@ Result<BootPlan> boot_line(const Target& target) {
 
 void add_boot_line(const Target& target, TunePlan& plan) {
   Result<BootPlan> boot = boot_line(target);
-  if (!boot) {
-    plan.not_done.push_back({"boot_line", "boot line", boot.message()});
-    return;
-  }
+  if (!boot) return plan.not_done.push_back({"boot_line", "boot line", boot.message()});
   plan.board = boot->board;
   plan.commands.insert(plan.commands.end(), boot->commands.begin(), boot->commands.end());
   add(plan, {.changes = std::move(boot->changes), .not_done = {}, .notes = std::move(boot->notes)});
@@ -101,22 +98,21 @@ Result<> lower_old_shield(const Target& target, TuneResult& result) {
 Result<> apply_to(const Book& book, const Target& target, const std::vector<Change>& changes, const StepHook& hook,
                   TuneResult& result) {
   std::vector<Change> its;
-  std::copy_if(changes.begin(), changes.end(), std::back_inserter(its),
-               [&](const Change& each) { return book.keeps(each); });
+  std::ranges::copy_if(changes, std::back_inserter(its), [&](const Change& each) { return book.keeps(each); });
   if (its.empty()) return done();
   const auto partition =
-      std::stable_partition(its.begin(), its.end(), [](const Change& each) { return each.item != kPartitionItem; });
-  const std::vector<Change> groups(partition, its.end());
-  its.erase(partition, its.end());
+      std::ranges::stable_partition(its, [](const Change& each) { return each.item != kPartitionItem; });
+  const std::vector<Change> groups(partition.begin(), partition.end());
+  its.erase(partition.begin(), partition.end());
   auto journal = Journal::open(book.path(target), book.boot(target), true, hook);
   if (!journal) return journal.error();
   auto steps = apply(*journal, Writer(target.root, hook), its);
   if (!steps) return steps.error();
-  std::move(steps->begin(), steps->end(), std::back_inserter(result.steps));
+  std::ranges::move(*steps, std::back_inserter(result.steps));
   if (!groups.empty()) {
     auto made = make_partition(*journal, Writer(target.root, hook), groups);
     if (!made) return made.error();
-    std::move(made->steps.begin(), made->steps.end(), std::back_inserter(result.steps));
+    std::ranges::move(made->steps, std::back_inserter(result.steps));
     if (!made->why_not.empty()) result.notes.push_back("no partition of cgroup v2: " + made->why_not);
     result.no_partition = !made->why_not.empty();
   }
@@ -133,11 +129,11 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
   }
   auto partition = unmake_partition(*journal, Writer(target.root, hook));
   if (!partition) return partition.error();
-  std::copy_if(partition->begin(), partition->end(), std::back_inserter(result.steps),
-               [](const Step& each) { return each.well(); });  // the rest is tried again
+  std::ranges::copy_if(*partition, std::back_inserter(result.steps),
+                       [](const Step& each) { return each.well(); });  // the rest is tried again
   auto steps = revert(*journal, Writer(target.root, hook), forget);
   if (!steps) return steps.error();
-  std::move(steps->begin(), steps->end(), std::back_inserter(result.steps));
+  std::ranges::move(*steps, std::back_inserter(result.steps));
   if (book.lasting) ::rmdir(book.path(target).substr(0, book.path(target).rfind('/')).c_str());  // ours, when empty
   return done();
 }
@@ -145,8 +141,7 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
 }  // namespace
 
 bool TuneResult::well() const {
-  return !still_shielded && !no_partition &&
-         std::all_of(steps.begin(), steps.end(), [](const Step& each) { return each.well(); });
+  return !still_shielded && !no_partition && std::ranges::all_of(steps, [](const Step& each) { return each.well(); });
 }
 
 TunePlan tune_plan(const Target& target) {
@@ -184,8 +179,8 @@ Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook
     }
   }
   const auto undone = [&](const char* item) {
-    return std::any_of(result.steps.begin(), result.steps.end(),
-                       [&](const Step& each) { return each.change.item == item && each.outcome == Outcome::done; });
+    return std::ranges::any_of(
+        result.steps, [&](const Step& each) { return each.change.item == item && each.outcome == Outcome::done; });
   };
   if (undone(kRulesItem)) result.commands.push_back(kReloadRules);
   if (undone(kUnitItem))

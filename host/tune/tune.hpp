@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "host/tune/journal/apply.hpp"
-#include "host/tune/runtime.hpp"
+#include "host/tune/journal/journal.hpp"
+#include "host/tune/lasting.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::host {

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <sstream>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -19,22 +18,15 @@ namespace {
 using nlohmann::json;
 constexpr std::size_t kMaxEntries = 6;  // the first ones: most of the others follow from them
 
-std::vector<std::string> lines_of(const std::string& text) {
-  std::vector<std::string> lines;
-  std::istringstream in(text);
-  for (std::string line; std::getline(in, line);) lines.push_back(line);
-  return lines;
-}
-
 // The first line that holds `what`, from 1; 0 = none.
-int line_with(const std::vector<std::string>& lines, std::string_view what) {
+int line_with(const std::vector<std::string_view>& lines, std::string_view what) {
   for (std::size_t i = 0; i < lines.size(); ++i)
     if (lines[i].find(what) != std::string::npos) return static_cast<int>(i) + 1;
   return 0;
 }
 
 // The line of the law that a message of the contract is about.
-int line_about(const std::string& message, const std::vector<std::string>& lines) {
+int line_about(const std::string& message, const std::vector<std::string_view>& lines) {
   constexpr std::array<std::pair<std::string_view, std::string_view>, 7> kAbout = {{
       {"State field", "struct State"},
       {"State is", "struct State"},
@@ -72,7 +64,7 @@ bool may_be_quoted(const std::string& file, const Sources& sources) {
          (plain && (below(sources.contract_dir) || below("/usr/include") || below("/usr/lib/gcc")));
 }
 
-json entry(const json& raw, const Sources& sources, const std::vector<std::string>& lines) {
+json entry(const json& raw, const Sources& sources, const std::vector<std::string_view>& lines) {
   const std::string& name = sources.name;
   json out = {{"file", name}, {"line", 0}, {"column", 0}};
   out["severity"] = raw.value("kind", "error");
@@ -96,7 +88,7 @@ json entry(const json& raw, const Sources& sources, const std::vector<std::strin
   }
   const int line = out["line"];
   const bool own = out["file"] == name && line >= 1 && line <= static_cast<int>(lines.size());
-  out["text"] = own ? lines[static_cast<std::size_t>(line) - 1] : "";
+  out["text"] = own ? lines[static_cast<std::size_t>(line) - 1] : std::string_view();
   if (const std::string says = about_the_macro(out["message"], out["text"]); !says.empty()) out["message"] = says;
   return out;
 }
@@ -105,14 +97,14 @@ json entry(const json& raw, const Sources& sources, const std::vector<std::strin
 
 Diagnostics read_diagnostics(const std::string& output, const Sources& sources) {
   const std::string& name = sources.name;
-  const std::vector<std::string> lines = lines_of(sources.text);
+  const std::vector<std::string_view> lines = lines_in(sources.text);
   std::vector<json> all;
   std::string rest;
   bool contract = false;
-  for (const std::string& line : lines_of(output)) {
+  for (const std::string_view line : lines_in(output)) {
     const json parsed = line.starts_with("[") ? json::parse(line, nullptr, false) : json();
     if (!parsed.is_array()) {
-      if (!line.empty()) rest += line + "\n";
+      if (!line.empty()) rest += std::string(line) + "\n";
       continue;
     }
     for (const json& raw : parsed) {

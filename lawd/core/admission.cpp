@@ -7,22 +7,25 @@
 #include <chrono>
 #include <utility>
 
+#include "spine/core/lookup.hpp"
+
 namespace lithe::lawd {
 
 using nlohmann::json;
 
+double since_ms(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
 std::string line_of(std::string_view source, int wanted) {
-  for (int line = 1; !source.empty(); ++line) {
-    const std::size_t end = std::min(source.find('\n'), source.size());
-    if (line == wanted) return std::string(source.substr(0, std::min<std::size_t>(end, 200)));
-    source.remove_prefix(std::min(end + 1, source.size()));
-  }
-  return "";
+  const auto lines = lines_in(source);
+  const auto at = static_cast<std::size_t>(wanted) - 1;
+  return wanted >= 1 && at < lines.size() ? std::string(lines[at].substr(0, 200)) : "";
 }
 
 void Admission::refuse(std::string_view gate, std::string message, int line, int column) {
   const auto same = [&](const Finding& finding) { return finding.message == message && finding.line == line; };
-  if (findings.size() >= kMaxFindings || std::any_of(findings.begin(), findings.end(), same)) return;
+  if (findings.size() >= kMaxFindings || std::ranges::any_of(findings, same)) return;
   findings.push_back({std::string(gate), std::move(message), line, column});
 }
 
@@ -31,9 +34,8 @@ void Admission::apply(const char* gate, const std::function<std::string()>& rule
   const std::size_t before = findings.size();
   const std::string not_applied_before = not_applied;
   std::string detail = rule();
-  const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   const bool ok = findings.size() == before && not_applied == not_applied_before;
-  gates.push_back({gate, ok, ms, std::move(detail)});
+  gates.push_back({gate, ok, since_ms(start), std::move(detail)});
 }
 
 json Admission::gates_json() const {
@@ -69,6 +71,52 @@ std::string diagnostic_text(const json& diagnostic) {
   out += "  " + text + "\n";
   if (column > 0) out += "  " + std::string(static_cast<std::size_t>(column) - 1, ' ') + "^\n";
   return out;
+}
+
+using nlohmann::json;
+
+json refuse(const std::string& stage, const std::string& text, json diagnostics) {
+  return {{"ok", false}, {"stage", stage}, {"text", text}, {"diagnostics", std::move(diagnostics)}};
+}
+
+json refuse_whole(const std::string& stage, const std::string& name, const std::string& reason) {
+  return refuse_at(stage, name, "", 0, reason);
+}
+
+json refuse_at(const std::string& stage, const std::string& name, const std::string& source, int line,
+               const std::string& reason) {
+  const json entry = {{"file", name},        {"line", line},      {"column", 0},
+                      {"severity", "error"}, {"message", reason}, {"text", line_of(source, line)}};
+  return refuse(stage, diagnostic_text(entry), json::array({entry}));
+}
+
+json refuse_admission(const Admission& admission, const std::string& name, const std::string& source) {
+  json list = findings_json(admission, name, source);
+  std::string text;
+  for (const json& each : list) text += diagnostic_text(each);
+  json refused = refuse("admission", text, list);
+  if (admission.findings.empty()) {
+    refused = refuse("tools", "the law could not be examined: " + admission.not_applied);
+    refused["next"] = "the running law is unchanged; nothing is known against the law: swap again";
+  }
+  refused["gates"] = admission.gates_json();
+  return refused;
+}
+
+json refuse_starved(const std::string& text) {
+  json refused = refuse("compile", text);
+  refused["starved"] = true;
+  refused["next"] =
+      "the running law is unchanged; nothing is known against the law: try again when the machine is less busy";
+  return refused;
+}
+
+bool disk_is_full(const std::string& text) {
+  return text.find("No space left") != std::string::npos || text.find("Disk quota exceeded") != std::string::npos;
+}
+
+bool memory_is_full(const std::string& text) {
+  return text.find("out of memory") != std::string::npos || text.find("virtual memory exhausted") != std::string::npos;
 }
 
 }  // namespace lithe::lawd

@@ -2,6 +2,7 @@
 // Admission: static rules for a law. The source is checked before it is compiled, the object before it runs.
 #pragma once
 
+#include <chrono>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -53,11 +54,33 @@ struct Compiled {
 void admit_source(std::string_view source, Admission& out);
 void admit_object(const Compiled& compiled, Admission& out);
 
+double since_ms(std::chrono::steady_clock::time_point start);
+
 // Line `wanted` of a text, from 1, at most 200 bytes of it; empty when there is none.
 std::string line_of(std::string_view source, int wanted);
 // The findings as diagnostics: [{file, line, column, severity, message, text, gate}].
 nlohmann::json findings_json(const Admission& admission, const std::string& name, std::string_view source);
 // A diagnostic as text: position, message, source line, a caret under the column.
 std::string diagnostic_text(const nlohmann::json& diagnostic);
+
+nlohmann::json refuse(const std::string& stage, const std::string& text,
+                      nlohmann::json diagnostics = nlohmann::json::array());
+
+// A refusal about the law as a whole, not one line.
+nlohmann::json refuse_whole(const std::string& stage, const std::string& name, const std::string& reason);
+
+// The same about one line of `source`; 0 = none.
+nlohmann::json refuse_at(const std::string& stage, const std::string& name, const std::string& source, int line,
+                         const std::string& reason);
+
+// An object that could not be examined is refused too; this is not the law's fault and is not cached.
+nlohmann::json refuse_admission(const Admission& admission, const std::string& name, const std::string& source);
+
+// A step got too little processor time (child.hpp: starved_text()). This is no evidence against the law.
+nlohmann::json refuse_starved(const std::string& text);
+
+// The message of a program that exceeded a limit.
+bool disk_is_full(const std::string& text);
+bool memory_is_full(const std::string& text);
 
 }  // namespace lithe::lawd

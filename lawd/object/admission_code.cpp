@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "lawd/object/admission_code.hpp"
+#include "lawd/object/admission_lines.hpp"
 
 #include <unistd.h>
 
@@ -8,6 +8,7 @@
 #include <string>
 
 #include "lawd/run/child.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -79,10 +80,7 @@ std::size_t scan(std::string_view listing, const SourceLines& lines, Admission& 
   constexpr std::string_view kSection = "Disassembly of section ";
   std::string section;
   std::size_t count = 0;
-  while (!listing.empty()) {
-    const std::size_t end = std::min(listing.find('\n'), listing.size());
-    const std::string_view line = listing.substr(0, end);
-    listing.remove_prefix(std::min(end + 1, listing.size()));
+  for (const std::string_view line : lines_in(listing)) {
     if (line.starts_with(kSection)) {
       section = line.substr(kSection.size());
       if (section.ends_with(':')) section.pop_back();

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "lawd/compile/toolchain.hpp"
-#include "lawd/core/answers.hpp"
+#include "lawd/core/admission.hpp"
 #include "lawd/run/child.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/source/admission_tokens.hpp"

@@ -37,4 +37,16 @@ class SourceLines {
   const Compiled& compiled_;
 };
 
+// Checks the instructions of a law. Refused: those that enter the kernel, switch the containment off, or give a
+// different result on each call.
+
+void check_code(const Compiled& compiled, const SourceLines& lines, Admission& out);
+
+// Why a law may not have an instruction (as objdump names it); empty when it may.
+std::string_view why_instruction_is_refused(std::string_view mnemonic);
+
+// Bounds a law's stack depth, from the call graph that the compiler wrote.
+
+void check_stack(const Compiled& compiled, const SourceLines& lines, Admission& out);
+
 }  // namespace lithe::lawd

@@ -5,12 +5,12 @@
 #include <cstring>
 
 #include "lawd/core/admission.hpp"
-#include "lawd/object/admission_code.hpp"
 #include "lawd/object/admission_elf.hpp"
-#include "lawd/object/admission_stack.hpp"
+#include "lawd/object/admission_lines.hpp"
 #include "lawd/run/child.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/source/admission_words.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/law/resident.hpp"
 
 namespace lithe::lawd {
@@ -36,7 +36,7 @@ bool is_known_section(const ElfSection& section) {
 
 struct LinkKinds {
   std::array<std::uint32_t, 24> kinds;
-  bool has(std::uint32_t kind) const { return std::find(kinds.begin(), kinds.end(), kind) != kinds.end(); }
+  bool has(std::uint32_t kind) const { return contains(kinds, kind); }
 };
 
 // Relocations that a linker resolves completely, in code and constants. Those of thread-local data and indirect
@@ -162,16 +162,14 @@ class Object {
     for (const ElfRelocation& relocation : elf_.relocations) {
       const ElfSection& place = elf_.sections[relocation.section];
       if ((place.flags & SHF_ALLOC) == 0 || place.name == ".eh_frame" || link_kinds().has(relocation.type)) continue;
-      refuse("the object needs a kind of link (" + std::to_string(relocation.type) +
-                 ") that laws may not have: no "
-                 "thread_local, no ifunc",
-             is_code(place) ? lines_.of(place.name, relocation.offset) : 0);
-      return;
+      return refuse("the object needs a kind of link (" + std::to_string(relocation.type) +
+                        ") that laws may not have: no thread_local, no ifunc",
+                    is_code(place) ? lines_.of(place.name, relocation.offset) : 0);
     }
   }
 
   void check_descriptor() {
-    const auto found = std::find_if(elf_.symbols.begin(), elf_.symbols.end(), [](const ElfSymbol& symbol) {
+    const auto found = std::ranges::find_if(elf_.symbols, [](const ElfSymbol& symbol) {
       return symbol.name == "lithe_law" && symbol.section != SHN_UNDEF && symbol.binding == STB_GLOBAL;
     });
     if (found == elf_.symbols.end())
@@ -240,10 +238,7 @@ void admit_object(const Compiled& compiled, Admission& out) {
   const std::string bytes = read_file(compiled.object_path).value_or("");
   std::string why;
   const auto elf = ElfObject::parse(bytes, why);
-  if (!elf) {
-    out.refuse("object", "the compiler's object cannot be read: " + why);
-    return;
-  }
+  if (!elf) return out.refuse("object", "the compiler's object cannot be read: " + why);
   const SourceLines lines(compiled);
   Object(*elf, lines, out).check();
   check_stack(compiled, lines, out);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "lawd/object/admission_stack.hpp"
+#include "lawd/object/admission_lines.hpp"
 
 #include <algorithm>
 #include <charconv>
@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "lawd/run/files.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -40,11 +41,7 @@ std::string_view field(std::string_view line, std::string_view key) {
 class Graph {
  public:
   Graph(std::string_view text, const SourceLines& lines) : lines_(lines) {
-    while (!text.empty()) {
-      const std::size_t end = std::min(text.find('\n'), text.size());
-      read_line(text.substr(0, end));
-      text.remove_prefix(std::min(end + 1, text.size()));
-    }
+    for (const std::string_view line : lines_in(text)) read_line(line);
   }
 
   const std::vector<Node>& nodes() const { return nodes_; }
@@ -150,14 +147,14 @@ class Depth {
 
   // False when every function of the cycle is from the library.
   bool refuse_recursion(std::size_t to, int line) {
-    const auto from = std::find(path_.begin(), path_.end(), to);
+    const auto from = std::ranges::find(path_, to);
     for (auto step = from; step != path_.end(); ++step) {
       const Node& node = nodes_[*step];
       if (node.line == 0) continue;
       out_.refuse(kGate,
                   node.name +
-                      " calls itself, directly or through others: its stack has no bound, write a loop with "
-                      "a fixed number of turns",
+                      " calls itself, directly or through others: its stack has no bound, write a loop with a fixed "
+                      "number of turns",
                   line != 0 ? line : node.line);
       return true;
     }
@@ -175,8 +172,8 @@ void check_frames(const Graph& graph, Admission& out) {
     if (node.dynamic) {
       out.refuse(kGate,
                  node.name +
-                     " has a stack frame whose size depends on its input (an array of variable length, "
-                     "alloca): use a std::array of fixed size",
+                     " has a stack frame whose size depends on its input (an array of variable length, alloca): use a "
+                     "std::array of fixed size",
                  node.line);
     } else if (node.frame_bytes > kMaxFrameBytes) {
       out.refuse(kGate,

@@ -9,12 +9,13 @@
 #include <cstring>
 #include <fstream>
 
-#include "lawd/core/answers.hpp"
+#include "lawd/core/admission.hpp"
 #include "lawd/object/admission_elf.hpp"
 #include "lawd/object/admission_lines.hpp"
 #include "lawd/run/child.hpp"
 #include "lawd/run/files.hpp"
 #include "spine/arena/veneers.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -53,11 +54,9 @@ std::string undefined_names(const std::string& words) {
   for (auto at = words.find(kBefore); at != std::string::npos; at = words.find(kBefore, at + 1)) {
     const auto from = at + kBefore.size();
     const std::string name = readable(words.substr(from, words.find('\'', from) - from));
-    if (std::find(names.begin(), names.end(), name) == names.end()) names.push_back(name);
+    if (!contains(names, name)) names.push_back(name);
   }
-  std::string list;
-  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
-  return list;
+  return joined(names);
 }
 
 // The linker's output as the bytes of the slot, or an error sentence when a section has a wrong address.
@@ -142,7 +141,7 @@ std::optional<Placer::Failure> Placer::link(const std::string& object, std::uint
 
 Linked* Placer::remembered(const std::string& name, std::uint32_t slot) {
   const std::string key = fmt::format("{}@{}", name, slot);
-  const auto found = std::find_if(links_.begin(), links_.end(), [&](const auto& each) { return each.first == key; });
+  const auto found = std::ranges::find_if(links_, [&](const auto& each) { return each.first == key; });
   return found == links_.end() ? nullptr : &found->second;
 }
 

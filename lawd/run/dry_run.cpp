@@ -10,13 +10,14 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <ctime>
 #include <limits>
 #include <memory>
 #include <vector>
 
 #include "lawd/run/child.hpp"
 #include "spine/core/host/signals.hpp"
+#include "spine/core/lookup.hpp"
+#include "spine/core/time.hpp"
 #include "spine/law/dry_inputs.hpp"
 #include "spine/law/resident.hpp"
 
@@ -45,12 +46,6 @@ json describe_json(const LitheLaw& law) {
   return out;
 }
 
-std::int64_t now_ns() {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return now.tv_sec * 1'000'000'000ll + now.tv_nsec;
-}
-
 // The child reports its progress, one JSON line per stage: after a crash the last line says where it was.
 void tell(int fd, const json& line) {
   const std::string text = line.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
@@ -67,9 +62,9 @@ std::uint64_t dry_steps(const LitheLaw& law, std::uint32_t joints, std::uint64_t
   std::array<double, kMaxProbes> probes{};
   for (std::uint64_t k = 0; k < steps; ++k) {
     law::dry_input(tick, k, joints);
-    const std::int64_t start = now_ns();
+    const std::int64_t start = monotonic_ns();
     resident.step(tick, effort, probes);
-    quickest_ns[k] = std::min(quickest_ns[k], now_ns() - start);
+    quickest_ns[k] = std::min(quickest_ns[k], monotonic_ns() - start);
     if (!law::outputs_are_finite(effort, probes, law, joints, bad.data(), bad.size())) return k;
   }
   return steps;
@@ -127,7 +122,7 @@ void tell_place(const LitheLaw& law, std::uint32_t joints, std::uint64_t bad_ste
 int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {
   auto resident = std::make_unique<law::Resident>();
   std::vector<std::int64_t> quickest_ns(steps, std::numeric_limits<std::int64_t>::max());
-  const std::int64_t start = now_ns();
+  const std::int64_t start = monotonic_ns();
   for (int repetition = 0; repetition < kRepetitions; ++repetition) {
     std::array<char, 64> bad{};
     const std::uint64_t done = dry_steps(law, joints, steps, *resident, quickest_ns, bad);
@@ -135,18 +130,19 @@ int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t s
       Tick seen;
       law::dry_input(seen, done, joints);
       const bool no_sensor = std::ranges::any_of(seen.sensor, [](double value) { return std::isnan(value); });
-      tell(fd, {{"refused", std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
-                                ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, "
-                                "a sensor that is not valid (NaN), or a gain that diverges" +
-                                (no_sensor ? "; in this step sensors were not valid: use t.sensor[i] only if "
-                                             "std::isfinite(t.sensor[i])"
-                                           : "")}});
+      tell(fd, {{"refused",
+                 std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
+                     ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, a sensor "
+                     "that is not valid (NaN), or a gain that diverges" +
+                     (no_sensor
+                          ? "; in this step sensors were not valid: use t.sensor[i] only if std::isfinite(t.sensor[i])"
+                          : "")}});
       tell_place(law, joints, done, *resident);
       return 1;
     }
-    if (now_ns() - start > kPatienceNs) break;  // the step is so slow that noise does not matter
+    if (monotonic_ns() - start > kPatienceNs) break;  // the step is so slow that noise does not matter
   }
-  tell(fd, {{"done", true}, {"step_ns", steps == 0 ? 0 : *std::max_element(quickest_ns.begin(), quickest_ns.end())}});
+  tell(fd, {{"done", true}, {"step_ns", steps == 0 ? 0 : *std::ranges::max_element(quickest_ns)}});
   return 0;
 }
 
@@ -198,13 +194,9 @@ const Limits kLimits{10'000, 2, std::size_t{1} << 30, 0};
 DryRun read_outcome(const Outcome& outcome) {
   DryRun result;
   result.stage = "load";
-  std::size_t start = 0;
   bool done = false;
-  while (start < outcome.output.size()) {
-    std::size_t end = outcome.output.find('\n', start);
-    if (end == std::string::npos) end = outcome.output.size();
-    const json line = json::parse(outcome.output.substr(start, end - start), nullptr, false);
-    start = end + 1;
+  for (const std::string_view text : lines_in(outcome.output)) {
+    const json line = json::parse(text, nullptr, false);
     if (!line.is_object()) continue;
     if (line.contains("law")) result.law = line["law"], result.stage = "dry_run";
     if (line.contains("refused")) result.reason = line["refused"].get<std::string>();

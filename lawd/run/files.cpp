@@ -31,16 +31,16 @@ void keep_newest(const std::string& folder, std::uintmax_t most_bytes) {
   std::map<std::string, Group> by_name;
   std::uintmax_t all_bytes = 0;
   std::error_code error;
-  for (fs::directory_iterator at(folder, error); !error && at != fs::directory_iterator(); at.increment(error)) {
+  for (const fs::path& path : files_in(folder)) {
     std::error_code gone;
-    if (!at->is_regular_file(gone)) continue;
-    const std::uintmax_t bytes = at->file_size(gone);
-    const fs::file_time_type written = at->last_write_time(gone);
+    if (!fs::is_regular_file(path, gone)) continue;
+    const std::uintmax_t bytes = fs::file_size(path, gone);
+    const fs::file_time_type written = fs::last_write_time(path, gone);
     if (gone) continue;
-    Group& group = by_name[at->path().stem().string()];
+    Group& group = by_name[path.stem().string()];
     group.newest = std::max(group.newest, written);
     group.bytes += bytes;
-    group.files.push_back(at->path());
+    group.files.push_back(path);
     all_bytes += bytes;
   }
   std::vector<const Group*> oldest_first;

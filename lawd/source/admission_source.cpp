@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The rules for a law's source text. They read tokens, after line joining and without comments. Token pasting is
 // refused, so every word that the compiler sees is in the text.
-#include <algorithm>
 #include <array>
 
 #include "lawd/core/admission.hpp"
@@ -55,12 +54,11 @@ class Source {
     }
     tokens_ = tokenise(text_);
     if (tokens_.list.empty() && tokens_.ambiguities.empty()) {
-      out_.refuse(
-          gate_,
-          std::string("the file holds no code: a law is a struct with Params, State and a static step(), and ends "
-                      "with LITHE_LAW(Type, \"name\"); see laws/pd.cpp") +
-              std::string(kWholeLaw),
-          1, 1);
+      out_.refuse(gate_,
+                  std::string("the file holds no code: a law is a struct with Params, State and a static step(), and "
+                              "ends with LITHE_LAW(Type, \"name\"); see laws/pd.cpp") +
+                      std::string(kWholeLaw),
+                  1, 1);
     }
     if (text_.find('\0') == std::string_view::npos) check_prose();  // a file with a NUL byte is refused as no text
     for (const Ambiguity& ambiguity : tokens_.ambiguities)
@@ -96,10 +94,7 @@ class Source {
   void check_include(std::size_t name) {
     const std::string& word = at(name).text;
     if (!same_directive(name) || (word != "include" && word != "include_next" && word != "import")) return;
-    if (word != "include") {
-      refuse(at(name), "#" + word + " is not for laws: write #include <...>");
-      return;
-    }
+    if (word != "include") return refuse(at(name), "#" + word + " is not for laws: write #include <...>");
     const Token& target = at(name + 1);
     if (target.kind == TokenKind::header && is_allowed_header(target.text)) return;
     if (target.kind == TokenKind::header || target.kind == TokenKind::text) {
@@ -152,9 +147,10 @@ class Source {
   void check_macro_name(std::size_t i) {
     const std::string& word = at(i).text;
     if (is_keyword(word) || word == "std" || word == "lithe" || word.starts_with("LITHE")) {
-      refuse(at(i), "the macro " + word +
-                        " changes what the words of the language or of the contract mean: choose "
-                        "another name, or a constexpr");
+      refuse(
+          at(i),
+          "the macro " + word +
+              " changes what the words of the language or of the contract mean: choose another name, or a constexpr");
     }
   }
 
@@ -193,8 +189,8 @@ class Source {
     } else if (word == "lithe" && is_mark(i + 1, "::") &&
                (at(i + 2).text == "contract" || at(i + 2).text == "reflect")) {
       refuse(at(i), "lithe::" + at(i + 2).text +
-                        " is the inside of the contract: a law uses lithe::Tick, lithe::Effort, "
-                        "lithe::Param, lithe::JointArray and the constants");
+                        " is the inside of the contract: a law uses lithe::Tick, lithe::Effort, lithe::Param, "
+                        "lithe::JointArray and the constants");
     }
   }
 
@@ -218,8 +214,8 @@ class Source {
     if (!in_namespace && is_mark(i + 1, "::") && at(i).text == "gnu") return;  // the word after it is checked
     if (is_allowed_attribute(at(i).text, in_namespace)) return;
     refuse(at(i), "the attribute " + at(i).text +
-                      " is not for laws: remove it (allowed: likely, unlikely, maybe_unused, "
-                      "nodiscard, fallthrough, gnu::always_inline, gnu::noinline)");
+                      " is not for laws: remove it (allowed: likely, unlikely, maybe_unused, nodiscard, fallthrough, "
+                      "gnu::always_inline, gnu::noinline)");
   }
 
   std::string_view text_;

@@ -82,10 +82,8 @@ class Reader {
   }
 
   void look_for_odd_bytes() {
-    if (const std::size_t zero = text_.find('\0'); zero != std::string::npos) {
-      ambiguity(zero, "a zero byte, so this is no plain text: a law is C++, saved as UTF-8");
-      return;
-    }
+    if (const std::size_t zero = text_.find('\0'); zero != std::string::npos)
+      return ambiguity(zero, "a zero byte, so this is no plain text: a law is C++, saved as UTF-8");
     for (std::size_t i = 0; i < text_.size(); ++i) {
       const char c = text_[i];
       const bool odd_return = c == '\r' && i + 1 < text_.size() && text_[i + 1] != '\n';
@@ -210,8 +208,7 @@ class Reader {
     for (const Spelling& spelling : kLong) {
       if (less || !text_.substr(at_).starts_with(spelling.written)) continue;
       at_ += spelling.written.size();
-      emit(TokenKind::mark, from, std::string(spelling.meant));
-      return;
+      return emit(TokenKind::mark, from, std::string(spelling.meant));
     }
     ++at_;
     emit(TokenKind::mark, from, std::string(1, text_[from]));

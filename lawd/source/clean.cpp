@@ -11,6 +11,7 @@
 
 #include "lawd/source/admission_tokens.hpp"
 #include "lawd/source/help.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -47,7 +48,7 @@ bool is_directive(std::string_view line) {
   line = trimmed(line);
   if (!line.starts_with("#")) return false;
   const std::string_view name = trimmed(line.substr(1));
-  return std::any_of(kNames.begin(), kNames.end(), [name](std::string_view each) { return name.starts_with(each); });
+  return std::ranges::any_of(kNames, [name](std::string_view each) { return name.starts_with(each); });
 }
 
 bool is_include(std::string_view line) {
@@ -153,7 +154,7 @@ class Cleaner {
     std::array<bool, kSpellings.size()> kept{};
     const std::string whole = text();
     const auto occurs = [&whole](const Spelling& each) { return whole.find(each.written) != std::string::npos; };
-    if (std::none_of(kSpellings.begin(), kSpellings.end(), occurs)) return;
+    if (std::ranges::none_of(kSpellings, occurs)) return;
     const Tokens tokens = tokenise(whole);
     for (std::size_t i = 0; i < tokens.list.size(); ++i) {
       const bool escape =
@@ -185,10 +186,10 @@ class Cleaner {
     if (laws.empty()) laws = with_law(outside);  // only one of the two fences was copied
     if (laws.size() == 1) return laws.front();
     if (laws.size() > 1) {
-      std::string where;
-      for (const Block& each : laws) where += (where.empty() ? "" : ", ") + line_range(each);
       out.refuse(kTextGate,
-                 fmt::format("{} code blocks have LITHE_LAW ({}), and a swap takes one law", laws.size(), where) + send,
+                 fmt::format("{} code blocks have LITHE_LAW ({}), and a swap takes one law", laws.size(),
+                             joined(laws, line_range)) +
+                     send,
                  static_cast<int>(laws[1].from) + 1, 1);
     } else if (inside.size() == 1) {
       return inside.front();
@@ -204,7 +205,7 @@ class Cleaner {
 
   std::vector<Block> with_law(const std::vector<Block>& blocks) const {
     std::vector<Block> found;
-    std::copy_if(blocks.begin(), blocks.end(), std::back_inserter(found), [this](const Block& block) {
+    std::ranges::copy_if(blocks, std::back_inserter(found), [this](const Block& block) {
       const auto first = lines_.begin() + static_cast<std::ptrdiff_t>(block.from);
       return std::any_of(first, lines_.begin() + static_cast<std::ptrdiff_t>(block.to), has_law);
     });
@@ -220,7 +221,7 @@ class Cleaner {
 
   std::size_t not_blank() const {
     return static_cast<std::size_t>(
-        std::count_if(lines_.begin(), lines_.end(), [](const std::string& line) { return !trimmed(line).empty(); }));
+        std::ranges::count_if(lines_, [](const std::string& line) { return !trimmed(line).empty(); }));
   }
 
   // Only when it is all prose: code in an odd place is for the compiler to judge.

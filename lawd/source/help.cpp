@@ -76,12 +76,9 @@ std::size_t farness(std::string_view wanted, std::string_view field) {
 }
 
 std::string listed(std::vector<std::string> fields, std::string_view wanted) {
-  std::stable_sort(fields.begin(), fields.end(), [wanted](const std::string& a, const std::string& b) {
-    return farness(wanted, a) < farness(wanted, b);
-  });
-  std::string text;
-  for (const std::string& each : fields) text += (text.empty() ? "" : ", ") + each;
-  return text;
+  std::ranges::stable_sort(
+      fields, [wanted](const std::string& a, const std::string& b) { return farness(wanted, a) < farness(wanted, b); });
+  return joined(fields);
 }
 
 // The arguments of step(), by the letter that the contract gives them.
@@ -123,11 +120,6 @@ constexpr auto kOfStd = std::to_array<std::string_view>(
 constexpr auto kOfContract =
     std::to_array<std::string_view>({"Tick", "Effort", "Param", "History", "PastTick", "JointArray", "kMaxJoints",
                                      "kSampleStale", "kBrainStale", "kAbsent"});
-
-template <std::size_t N>
-bool is_one_of(const std::array<std::string_view, N>& list, std::string_view word) {
-  return std::find(list.begin(), list.end(), word) != list.end();
-}
 
 }  // namespace
 
@@ -194,8 +186,7 @@ std::string Help::about_field(const std::string& message) const {
   std::string help = type + " has " + listed(own, wanted);
   for (const Argument& each : kArguments) {
     const std::vector<std::string> others = fields(each.type);
-    if (each.type != type && std::find(others.begin(), others.end(), wanted) != others.end())
-      help += "; " + wanted + " is a field of " + each.type;
+    if (each.type != type && contains(others, wanted)) help += "; " + wanted + " is a field of " + each.type;
   }
   return help;
 }
@@ -215,11 +206,11 @@ std::string Help::about_name(const std::string& message) const {
   for (const std::string_view why : {why_std_name_is_refused(name), why_call_is_refused(name)})
     if (!why.empty()) return std::string(why);
   if (of_std) return "a law has " + allowed_headers_text();
-  if (is_one_of(kOfStd, name)) return "write std::" + name;
-  if (is_one_of(kOfContract, name)) return "write lithe::" + name;
+  if (contains(kOfStd, name)) return "write std::" + name;
+  if (contains(kOfContract, name)) return "write lithe::" + name;
   for (const Argument& each : kArguments) {
     const std::vector<std::string> own = fields(each.type);
-    if (std::find(own.begin(), own.end(), name) != own.end())
+    if (contains(own, name))
       return fmt::format("it is a field of {}: write {}.{} in step({})", each.type, each.letter, name, each.what);
   }
   return "";

@@ -8,8 +8,8 @@
 #include <filesystem>
 #include <random>
 
-#include "lawd/object/admission_code.hpp"
 #include "lawd/object/admission_elf.hpp"
+#include "lawd/object/admission_lines.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/source/admission_tokens.hpp"
 #include "lawd/source/admission_words.hpp"

@@ -4,9 +4,12 @@
 
 #include <algorithm>
 #include <charconv>
+#include <functional>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <system_error>
+#include <vector>
 
 namespace lithe {
 
@@ -18,6 +21,27 @@ bool contains(const List& list, const Value& value) {
 
 // Whether a text has another one in it.
 inline bool has_text(std::string_view text, std::string_view part) { return text.find(part) != std::string_view::npos; }
+
+// The texts of a list, with something between them: "a, b". `text_of`: what the text of one is.
+template <class List, class Text = std::identity>
+std::string joined(const List& list, Text text_of = {}, std::string_view between = ", ") {
+  std::string all;
+  for (const auto& each : list) {
+    if (!all.empty()) all += between;
+    all += std::invoke(text_of, each);
+  }
+  return all;
+}
+
+// The lines of a text, without their ends; they point into it.
+inline std::vector<std::string_view> lines_in(std::string_view text) {
+  std::vector<std::string_view> lines;
+  while (!text.empty()) {
+    lines.push_back(text.substr(0, text.find('\n')));
+    text.remove_prefix(std::min(lines.back().size() + 1, text.size()));
+  }
+  return lines;
+}
 
 // The number at the start of a text, whatever follows; 0 when there is none, or it is too large.
 template <class Number>

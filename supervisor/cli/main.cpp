@@ -7,8 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/cli/core/talk.hpp"
-#include "supervisor/cli/parse/reference.hpp"
+#include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/parse/words.hpp"
 
 namespace {

@@ -17,7 +17,9 @@
 #include <filesystem>
 #include <fstream>
 #include <sstream>
-#include <system_error>
+
+#include "spine/core/host/files.hpp"
+#include "spine/core/host/realtime.hpp"
 
 namespace lithe::control {
 namespace {
@@ -37,14 +39,6 @@ std::string stat_of(const std::string& pid) {
   return name_end == std::string::npos ? "" : stat.substr(name_end + 2);
 }
 
-cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
-  cpu_set_t set;
-  CPU_ZERO(&set);
-  for (const int cpu : cpus)
-    if (cpu >= 0 && cpu < CPU_SETSIZE) CPU_SET(static_cast<unsigned>(cpu), &set);
-  return set;
-}
-
 // Runs in the child between fork and exec: only async-signal-safe calls.
 [[noreturn]] void become(const Launch& launch, char* const* argv, pid_t parent, int failure_fd) {
   if (launch.own_session) ::setsid();
@@ -57,10 +51,7 @@ cpu_set_t cpu_set_of(const std::vector<int>& cpus) {
     const sched_param none{};
     ::sched_setscheduler(0, SCHED_IDLE, &none);
   }
-  if (!launch.cpus.empty()) {
-    const cpu_set_t set = cpu_set_of(launch.cpus);
-    ::sched_setaffinity(0, sizeof(set), &set);
-  }
+  if (!launch.cpus.empty()) (void)set_allowed_cpus(0, launch.cpus);
   sigset_t none;
   sigemptyset(&none);
   ::sigprocmask(SIG_SETMASK, &none, nullptr);
@@ -142,9 +133,8 @@ Work work_of_session(pid_t leader) {
   Work work;
   bool stopped = false;
   const double tick_s = 1.0 / static_cast<double>(::sysconf(_SC_CLK_TCK));
-  std::error_code failure;
-  for (std::filesystem::directory_iterator at("/proc", failure), end; !failure && at != end; at.increment(failure)) {
-    const std::string pid = at->path().filename().string();
+  for (const std::filesystem::path& path : files_in("/proc")) {
+    const std::string pid = path.filename().string();
     if (pid.find_first_not_of("0123456789") != std::string::npos) continue;
     // proc(5): state, parent, group, session, then seven fields to utime, stime, cutime, cstime.
     std::istringstream fields(stat_of(pid));
@@ -180,10 +170,8 @@ std::vector<int> cores_beside(const std::vector<int>& allowed, int spine_cpu, in
 
 Result<> set_affinity(pid_t pid, const std::vector<int>& cpus) {
   if (cpus.empty()) return done();
-  const cpu_set_t set = cpu_set_of(cpus);
-  if (::sched_setaffinity(pid, sizeof(set), &set) != 0)
-    return Error{fmt::format("cannot pin process {}: {}", pid, std::strerror(errno))};
-  return done();
+  const int error = set_allowed_cpus(pid, cpus);
+  return error == 0 ? done() : Error{fmt::format("cannot pin process {}: {}", pid, std::strerror(error))};
 }
 
 }  // namespace lithe::control

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 
-#include "supervisor/events/noise.hpp"
 #include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {

@@ -69,9 +69,8 @@ std::uint64_t id_of(const fs::path& path) {
 // Ascending.
 std::vector<std::uint64_t> ids_in(const fs::path& folder) {
   std::vector<std::uint64_t> ids;
-  std::error_code failure;
-  for (fs::directory_iterator at(folder, failure), end; !failure && at != end; at.increment(failure))
-    if (const std::uint64_t id = id_of(at->path()); id != 0) ids.push_back(id);
+  for (const fs::path& path : files_in(folder))
+    if (const std::uint64_t id = id_of(path); id != 0) ids.push_back(id);
   std::ranges::sort(ids);
   return ids;
 }
@@ -170,11 +169,9 @@ void Incidents::write(const SpineLink& spine) {
 void Incidents::make_room() const {
   std::error_code failure;
   auto ids = ids_in(folder_);
-  for (fs::directory_iterator at(folder_, failure), end; !failure && at != end; at.increment(failure)) {
-    const fs::path path = at->path();
-    std::error_code ignored;
+  for (const fs::path& path : files_in(folder_)) {
     const bool ours = path.extension() == ".npy" || path.extension().string().starts_with(".part");
-    if (ours && !fs::exists(fs::path(path).replace_extension(".json"), ignored)) fs::remove(path, ignored);
+    if (ours && !fs::exists(fs::path(path).replace_extension(".json"), failure)) fs::remove(path, failure);
   }
   const auto bytes = [&] {
     std::uintmax_t sum = 0;

@@ -17,12 +17,10 @@
 
 #include "spine/core/host/files.hpp"
 #include "spine/core/host/paths.hpp"
-#include "spine/core/host/realtime.hpp"
 #include "spine/core/time.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
-#include "supervisor/bus/plan/advice.hpp"
-#include "supervisor/run/shield.hpp"
+#include "supervisor/bus/plan/plan.hpp"
 #include "supervisor/run/supervisor.hpp"
 
 namespace lithe::control {
@@ -156,10 +154,9 @@ void Supervisor::start_lawd() {
 void Supervisor::start_trial() {
   if (!options_.gates) {
     spdlog::warn(
-        "THE GATES ARE OPEN: laws are neither admitted nor run dry nor tried; only the Spine's own containment "
-        "is left. Never with a robot that can hurt a person");
-    lawd_.open_gates();
-    return;
+        "THE GATES ARE OPEN: laws are neither admitted nor run dry nor tried; only the Spine's own containment is "
+        "left. Never with a robot that can hurt a person");
+    return lawd_.open_gates();
   }
   trial_.give(arena_.get());
   must(trial_.start(monotonic_ns()));
@@ -239,8 +236,7 @@ void Supervisor::open_socket() {
 }
 
 void Supervisor::announce() const {
-  wire::Telemetry now{};
-  (void)link_->latest(now);
+  const wire::Telemetry now = link_->now();
   const auto law = link_->law(now.law_id);
   const std::string law_name = law ? text_of(law->name) : "none";
   const std::string mode(to_string(static_cast<wire::Mode>(now.mode)));

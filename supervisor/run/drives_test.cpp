@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/run/drives.hpp"
+#include "supervisor/run/supervisor.hpp"
 
 #include <gtest/gtest.h>
 

@@ -94,10 +94,8 @@ void Supervisor::swap_adopted_law() {
 
 void Supervisor::arm() {
   if (!options_.arm) return;
-  if (first_source_.empty()) {
-    spdlog::warn("not armed: {} names no law; swap one in, then: lithe arm", options_.config_path);
-    return;
-  }
+  if (first_source_.empty())
+    return spdlog::warn("not armed: {} names no law; swap one in, then: lithe arm", options_.config_path);
   const std::int64_t deadline_ns = monotonic_ns() + arm_timeout_ns(config_);
   wire::Command command;
   command.kind = static_cast<std::uint32_t>(wire::CommandKind::arm);
@@ -106,10 +104,8 @@ void Supervisor::arm() {
         answer_to([&](const auto& take) { commands_->send(command, take, monotonic_ns()); }, kArmTimeoutNs);
     const auto* refusal = answer ? std::get_if<Refusal>(&*answer) : nullptr;
     if (answer && refusal == nullptr) return;
-    if (refusal != nullptr && refusal->code == "refused_outside") {  // `recover` needs a running robot
-      spdlog::warn("not armed: {}; {}", refusal->message, refusal->next);
-      return;
-    }
+    if (refusal != nullptr && refusal->code == "refused_outside")  // `recover` needs a running robot
+      return spdlog::warn("not armed: {}; {}", refusal->message, refusal->next);
     if (refusal != nullptr && refusal->code != "refused_not_ready")
       throw Halt{3, fmt::format("the robot cannot be armed: {}; {}", refusal->message, refusal->next)};
     turn(10);

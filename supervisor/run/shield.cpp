@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // `lithe run --shield`: raised before the first child starts, lowered when the robot has ended.
-#include "supervisor/run/shield.hpp"
 
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>

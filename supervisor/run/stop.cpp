@@ -4,6 +4,8 @@
 #include <signal.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <cstddef>
 #include <filesystem>
 
 #include "spine/core/host/paths.hpp"
@@ -33,10 +35,9 @@ void Supervisor::stop() {
   if (!known_off) {
     wire::Telemetry last{};
     const std::string joints = link_ && link_->latest(last) ? joints_not_off(config_, last) : "";
-    throw Halt{3,
-               fmt::format("not confirmed that every drive of '{}' is off{}; the drives' own watchdogs stop them; if "
-                           "the robot moves, cut its power",
-                           config_.name, joints.empty() ? "" : fmt::format(" (last seen on: {})", joints))};
+    throw Halt{3, fmt::format("not confirmed that every drive of '{}' is off{}; the drives' own watchdogs stop them; "
+                              "if the robot moves, cut its power",
+                              config_.name, joints.empty() ? "" : fmt::format(" (last seen on: {})", joints))};
   }
 }
 
@@ -95,6 +96,41 @@ Drives Supervisor::switch_off() {
   refuse_swaps();  // requests may have arrived in between
   commands_->refuse_all(stopping);
   return seen;  // one record with all drives off is enough: a later one may miss a late sample
+}
+
+namespace {
+
+// An unknown number, and `enabling`, in which a motor may already turn, count as driven.
+Drives drive_of(const wire::Telemetry& now, std::size_t joint) {
+  if ((now.joint_status[joint] & wire::joint_status::kFresh) == 0) return Drives::driven;
+  switch (static_cast<wire::DriveState>(now.drive_state[joint])) {
+    case wire::DriveState::off:
+    case wire::DriveState::fault:
+      return Drives::off;
+    case wire::DriveState::damped:
+      return Drives::damped;
+    case wire::DriveState::enabling:
+    case wire::DriveState::driven:
+      break;
+  }
+  return Drives::driven;
+}
+
+std::size_t joints_of(const wire::Telemetry& now) { return std::min<std::size_t>(now.joint_count, wire::kNj); }
+
+}  // namespace
+
+Drives drives_of(const wire::Telemetry& now) {
+  Drives least = joints_of(now) == 0 ? Drives::driven : Drives::off;
+  for (std::size_t j = 0; j < joints_of(now); ++j) least = std::min(least, drive_of(now, j));
+  return least;
+}
+
+std::string joints_not_off(const robot::RobotConfig& robot, const wire::Telemetry& now) {
+  std::string names;
+  for (std::size_t j = 0; j < std::min(joints_of(now), robot.joints.size()); ++j)
+    if (drive_of(now, j) != Drives::off) names += (names.empty() ? "" : ", ") + robot.joints[j].name;
+  return names;
 }
 
 }  // namespace lithe::control

@@ -19,7 +19,6 @@
 #include "spine/core/text.hpp"
 #include "spine/core/time.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
-#include "supervisor/run/shield.hpp"
 
 namespace lithe::control {
 namespace {

@@ -12,21 +12,31 @@
 #include "host/tune/shield/shield.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/config.hpp"
+#include "spine/wire/wire.hpp"
+#include "supervisor/core/answer.hpp"
 #include "supervisor/core/lines.hpp"
 #include "supervisor/core/process.hpp"
 #include "supervisor/events/event_log.hpp"
-#include "supervisor/events/noise.hpp"
 #include "supervisor/incident/incidents.hpp"
 #include "supervisor/link/services/lawd_link.hpp"
 #include "supervisor/link/services/trial_link.hpp"
 #include "supervisor/link/spine/commands.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
-#include "supervisor/run/drives.hpp"
 #include "supervisor/serve/server.hpp"
 #include "supervisor/serve/verbs.hpp"
 #include "supervisor/swap/swaps.hpp"
 
 namespace lithe::control {
+
+enum class Drives { driven, damped, off };
+
+// The most active state of all drives. A drive that did not answer in this record counts as driven, because its state
+// is unknown. Damped: the drive brakes its joint by itself, after an e-stop or a watchdog timeout. A drive with a fault
+// is off.
+Drives drives_of(const wire::Telemetry& now);
+
+// Names of the joints whose drives are not off, for a message.
+std::string joints_not_off(const robot::RobotConfig& robot, const wire::Telemetry& now);
 
 struct RunOptions {
   std::string config_path;
@@ -147,5 +157,7 @@ class Supervisor {
   std::optional<Verbs> verbs_;
   std::optional<Server> server_;
 };
+
+Json shield_json(const host::Shield& shield);
 
 }  // namespace lithe::control

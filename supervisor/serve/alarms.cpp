@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/serve/alarms.hpp"
+#include "spine/core/lookup.hpp"
+#include "supervisor/serve/status.hpp"
 
 #include <fmt/format.h>
 
@@ -57,10 +58,9 @@ void see_mode(const Json& status, Alarms& out) {
   else if (faulty)
     out.stop("latched fault: " + what_stopped(status, fault));
   if (has_number(status, "age_ms") && status["age_ms"].get<double>() > kFrozenAfterMs) {
-    out.stop(
-        fmt::format("THE SPINE DOES NOT TICK: its last tick is {:.1f} s old (pid {}: stopped, or without processor "
-                    "time?)",
-                    status["age_ms"].get<double>() * 1e-3, status.value("spine_pid", 0)));
+    out.stop(fmt::format(
+        "THE SPINE DOES NOT TICK: its last tick is {:.1f} s old (pid {}: stopped, or without processor time?)",
+        status["age_ms"].get<double>() * 1e-3, status.value("spine_pid", 0)));
   }
 }
 
@@ -88,9 +88,8 @@ void see_limits(const Json& joint, Alarms& out) {
 void see_joint(const Json& joint, Alarms& out) {
   const std::string name = word(joint, "name"), fault = word(joint, "fault");
   if (!fault.empty() && fault != "none") out.stop(fmt::format("{}: fault {}", name, fault));
-  std::string problems;
-  for (const Json& each : joint.value("problems", Json::array()))
-    problems += (problems.empty() ? "" : ", ") + each.get<std::string>();
+  const Json all = joint.value("problems", Json::array());
+  const std::string problems = joined(all, [](const Json& each) { return each.get<std::string>(); });
   if (!problems.empty()) {
     const std::string drive = word(joint, "drive");
     out.stop(fmt::format("{}: {}{}", name, problems, drive.empty() ? "" : fmt::format(" (drive: {})", drive)));

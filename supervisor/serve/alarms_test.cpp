@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/serve/alarms.hpp"
+#include "supervisor/serve/status.hpp"
 
 #include <gtest/gtest.h>
 

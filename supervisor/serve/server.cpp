@@ -183,27 +183,22 @@ void Server::handle(std::uint64_t key, Client& client, const std::string& line) 
   };
   const Json request = Json::parse(line, note_depth, false);
   if (too_deep) {
-    reply({key, nullptr}, Refusal{"bad_request", fmt::format("a request is at most {} levels deep", kMostNested),
-                                  "docs/reference/verbs.md lists the verbs and their arguments"});
-    return;
+    return reply({key, nullptr}, Refusal{"bad_request", fmt::format("a request is at most {} levels deep", kMostNested),
+                                         "docs/reference/verbs.md lists the verbs and their arguments"});
   }
   if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
-    reply({key, request.is_object() ? request.value("id", Json(nullptr)) : Json(nullptr)},
-          Refusal{"bad_request", "a request is one line of JSON: {\"id\":1,\"verb\":\"status\",\"args\":{}}",
-                  "docs/reference/verbs.md lists the verbs"});
-    return;
+    return reply({key, request.is_object() ? request.value("id", Json(nullptr)) : Json(nullptr)},
+                 Refusal{"bad_request", "a request is one line of JSON: {\"id\":1,\"verb\":\"status\",\"args\":{}}",
+                         "docs/reference/verbs.md lists the verbs"});
   }
   const ReplyTo to{key, request.value("id", Json(nullptr))};
   const Json args = request.value("args", Json::object());
-  if (!args.is_object()) {
-    reply(to, Refusal{"bad_request", "args is a JSON object", "send {\"verb\":...,\"args\":{...}}"});
-    return;
-  }
+  if (!args.is_object())
+    return reply(to, Refusal{"bad_request", "args is a JSON object", "send {\"verb\":...,\"args\":{...}}"});
   const Json words = {{"verb", request["verb"]}, {"args", args}};
   if (const auto found = unprintable_in(words)) {
-    reply(to, Refusal{"bad_request", fmt::format("'{}' is not printable text", *found),
-                      "names are UTF-8 without control characters, line ends and escapes"});
-    return;
+    return reply(to, Refusal{"bad_request", fmt::format("'{}' is not printable text", *found),
+                             "names are UTF-8 without control characters, line ends and escapes"});
   }
   ++client.owed;
   try {

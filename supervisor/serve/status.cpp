@@ -220,8 +220,7 @@ Answer params_json(const SpineLink& spine) {
 }
 
 Json resident_json(const SpineLink& spine) {
-  wire::Telemetry now{};
-  (void)spine.latest(now);
+  const wire::Telemetry now = spine.now();
   Json list = Json::array();
   const auto live = spine.params();
   for (const wire::LawInfo& law : spine.laws()) {

@@ -15,4 +15,10 @@ Answer params_json(const SpineLink& spine);
 // Laws loaded in the Spine: [{"law","law_id","active","params":[...],"probes":[...]}]
 Json resident_json(const SpineLink& spine);
 
+// [{"level", "text"}], the worst first; empty = no alarm. "stop": the robot or a joint is stopped or broken, or no
+// supervisor runs. "warn": a condition that can lead to a stop, or that weakens a guarantee. `status`: the answer of
+// the verb `status`; a missing field raises no alarm.
+// Contract: pure
+Json alarms_of(const Json& status);
+
 }  // namespace lithe::control

@@ -11,7 +11,6 @@
 #include <variant>
 
 #include "spine/core/time.hpp"
-#include "supervisor/serve/alarms.hpp"
 #include "supervisor/serve/status.hpp"
 
 namespace lithe::control {

@@ -127,14 +127,13 @@ void LawLifecycle::measure_control(Life& life, const std::string& why) {
 }
 
 LawLifecycle::Life* LawLifecycle::of_request(std::uint64_t request_id) {
-  const auto found = std::find_if(lives_.begin(), lives_.end(),
-                                  [&](const Life& each) { return each.swap.request_id() == request_id; });
+  const auto found =
+      std::ranges::find_if(lives_, [&](const Life& each) { return each.swap.request_id() == request_id; });
   return found == lives_.end() ? nullptr : &*found;
 }
 
 LawLifecycle::Life* LawLifecycle::of_law(std::uint32_t law_id) {
-  const auto found =
-      std::find_if(lives_.begin(), lives_.end(), [&](const Life& each) { return each.swap.law_id() == law_id; });
+  const auto found = std::ranges::find_if(lives_, [&](const Life& each) { return each.swap.law_id() == law_id; });
   return found == lives_.end() ? nullptr : &*found;
 }
 
@@ -177,7 +176,7 @@ std::optional<wire::LawFault> LawLifecycle::record_of(const wire::Event& event) 
   const auto is_it = [&](const wire::LawFault& each) {
     return each.request_id == event.request_id && each.tick == event.tick;
   };
-  const auto found = std::find_if(untold_.begin(), untold_.end(), is_it);
+  const auto found = std::ranges::find_if(untold_, is_it);
   std::optional<wire::LawFault> record;
   if (found != untold_.end()) {
     record = *found;
@@ -195,8 +194,7 @@ void LawLifecycle::faulted(const wire::Event& event) {
   life->fault = kind;
   if (!fault) {
     life->swap.note("fault", {{"kind", kind}, {"tick", event.tick}, {"record_lost", true}});
-    keep_(life->swap, life->record);
-    return;
+    return keep_(life->swap, life->record);
   }
   tell_fault(*life, {{"kind", kind},
                      {"tick", fault->tick},
@@ -261,7 +259,7 @@ void LawLifecycle::retired(const wire::Event& event) {
 
 // The event names the law that runs now: all laws committed after it no longer run.
 void LawLifecycle::rolled_back(const wire::Event& event) {
-  const auto to = std::find(running_.begin(), running_.end(), event.code);
+  const auto to = std::ranges::find(running_, event.code);
   const auto first_out = to == running_.end() ? (running_.empty() ? to : running_.end() - 1) : to + 1;
   const std::string text = text_of(event.text);  // e.g. "tracking_lost: joint elbow, ..."
   for (auto each = first_out; each != running_.end(); ++each) {

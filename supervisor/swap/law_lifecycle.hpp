@@ -11,8 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/link/spine/commit_metrics.hpp"
-#include "supervisor/link/spine/control_metrics.hpp"
+#include "supervisor/link/spine/metrics.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 #include "supervisor/swap/certificate/record.hpp"
 #include "supervisor/swap/certificate/transaction.hpp"
@@ -34,7 +33,7 @@ class LawLifecycle {
   static constexpr std::size_t kFaultsKept = 8;
   // Control is compared over the probation, at most so long before and after the commit: both are in the ring then.
   static constexpr double kControlS = 1.5;
-  static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than kWindowS of commit_metrics.hpp
+  static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than kWindowS of metrics.hpp
 
   LawLifecycle(const SpineLink& spine, Keep keep, Locate locate = {}, Explain explain = {});
 

@@ -83,18 +83,12 @@ void put_params(const Json& params, const Json& law, wire::StageRequest& request
 
 void ParamChanges::set(const Json& values, Callback callback, std::int64_t now_ns) {
   const auto law = help_.spine.running_law();
-  if (!law) {
-    callback(no_law());
-    return;
-  }
+  if (!law) return callback(no_law());
   const auto command = params_command(values, law->info);
-  if (const auto* refusal = std::get_if<Refusal>(&command)) {
-    callback(*refusal);
-    return;
-  }
+  if (const auto* refusal = std::get_if<Refusal>(&command)) return callback(*refusal);
   if (waiting_.size() >= kMostWaiting) {
-    callback(Refusal{"busy", fmt::format("{} changes of parameters wait already", kMostWaiting), "try again later"});
-    return;
+    return callback(
+        Refusal{"busy", fmt::format("{} changes of parameters wait already", kMostWaiting), "try again later"});
   }
   Change change{next_number_++, *law, values, std::get<wire::Command>(command), std::move(callback)};
   change.record = {{"change", change.number}, {"asked_ns", now_ns}, {"verdict", "submitted"}, {"values", values}};
@@ -110,26 +104,20 @@ ParamChanges::Change* ParamChanges::head(std::uint64_t number) {
 void ParamChanges::begin() {
   Change& change = waiting_.front();
   auto law = help_.spine.running_law();
-  if (!law || law->info.law_id != change.law.info.law_id) {
-    settle(refusal_of(wire::CommandKind::set_params, wire::CommandResult::refused_law, {}));
-    return;
-  }
+  if (!law || law->info.law_id != change.law.info.law_id)
+    return settle(refusal_of(wire::CommandKind::set_params, wire::CommandResult::refused_law, {}));
   change.law = std::move(*law);
   Json before = Json::object();
   for (const auto& [name, value] : change.values.items()) before[name] = change.law.values[name];
   change.record["before"] = std::move(before);
-  if (help_.trial == nullptr) {
-    send(change);
-    return;
-  }
+  if (help_.trial == nullptr) return send(change);
   auto request = help_.laws.request_of(change.law, request_otherwise());
   if (!request) {
-    refuse(change, {"trial_unavailable",
-                    fmt::format("law '{}' was brought in by an earlier supervisor, and its object is not in the cache "
-                                "any more: its parameters cannot be tried",
-                                text_of(change.law.info.name)),
-                    "nothing was changed; swap the law in again, with these parameters"});
-    return;
+    return refuse(change, {"trial_unavailable",
+                           fmt::format("law '{}' was brought in by an earlier supervisor, and its object is not in the "
+                                       "cache any more: its parameters cannot be tried",
+                                       text_of(change.law.info.name)),
+                           "nothing was changed; swap the law in again, with these parameters"});
   }
   request->params = merged(change.law.values, change.values);
   help_.trial->attempt(
@@ -152,8 +140,7 @@ void ParamChanges::tried(std::uint64_t number, const Answer& answer) {
     refusal.message = fmt::format("{}: {}", in_words(change->values, change->law.values), found->message);
     if (refusal.code == "trial_failed")
       refusal.next = "nothing was changed; choose values nearer to those that hold, or change the law";
-    refuse(*change, refusal);
-    return;
+    return refuse(*change, refusal);
   }
   change->trial = std::get<Json>(answer);
   change->record["trial_ms"] = change->trial.value("ms", 0.0);
@@ -175,10 +162,7 @@ void ParamChanges::send(Change& change) {
 void ParamChanges::answered(std::uint64_t number, const Answer& answer) {
   Change* change = head(number);
   if (change == nullptr) return;
-  if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-    refuse(*change, *refusal);
-    return;
-  }
+  if (const auto* refusal = std::get_if<Refusal>(&answer)) return refuse(*change, *refusal);
   if (change->record["verdict"] == "sent")  // its event was lost
     keep(*change, "taken");
   help_.laws.passed_again(change->law.info.request_id, merged(change->law.values, change->values), change->trial);

@@ -53,15 +53,11 @@ std::uint32_t Placement::free_slot() {
 }
 
 void Placement::place(const std::string& hash, Callback callback, std::int64_t now_ns) {
-  if (!has_arena()) {
-    callback(Placed{});
-    return;
-  }
+  if (!has_arena()) return callback(Placed{});
   const std::uint32_t slot = free_slot();
   if (slot == 0) {
-    callback(Refusal{"slots_full", fmt::format("all {} slots of the code arena are in use", arena::kSlots),
-                     "another swap is under way in the Spine; try again"});
-    return;
+    return callback(Refusal{"slots_full", fmt::format("all {} slots of the code arena are in use", arena::kSlots),
+                            "another swap is under way in the Spine; try again"});
   }
   last_ = slot;
   uses_[slot] = {Use::taken, 0};

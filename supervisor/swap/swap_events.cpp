@@ -115,8 +115,7 @@ void Swaps::mark_heard(Transaction& swap) const {
 void Swaps::look(std::int64_t now_ns) {
   const std::int64_t since_ns = head_->swap.stage_since_ns();
   if (heard_.commit) {
-    wire::Telemetry now{};
-    (void)help_.spine.latest(now);
+    const wire::Telemetry now = help_.spine.now();
     heard_.shown = heard_.shown || now.tick > heard_.commit->tick || now_ns - heard_.commit->t_ns > kWordsGraceNs;
   } else if (heard_.stage() != Stage::tried) {
     heard_.shown = now_ns - since_ns > kWordsGraceNs && find_commit(now_ns);
@@ -160,8 +159,7 @@ void Swaps::come_late(const wire::Event& event) {
     swap.mark_refused(stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)), event.t_ns);
     tried_laws_.forget(swap.request_id());
     note(swap, "swap_refused", fmt::format("{}: after it was given up", swap.request().name));
-    rewrite(swap, late.record);
-    return;
+    return rewrite(swap, late.record);
   }
   swap.mark_committed(event.tick, event.code, event.t_ns);
   swap.note_missed_after(missed_releases());

@@ -49,8 +49,7 @@ std::variant<SwapTerms, Refusal> Swaps::read_terms(const Json& args) const {
 
 // A shadow run needs a law that is active.
 std::optional<Refusal> Swaps::no_shadow(const SwapTerms& terms) const {
-  wire::Telemetry now{};
-  (void)help_.spine.latest(now);
+  const wire::Telemetry now = help_.spine.now();
   const auto mode = static_cast<wire::Mode>(now.mode);
   if (terms.shadow_s == 0 || (now.law_id != 0 && (mode == wire::Mode::active || mode == wire::Mode::hold)))
     return std::nullopt;
@@ -60,15 +59,10 @@ std::optional<Refusal> Swaps::no_shadow(const SwapTerms& terms) const {
 }
 
 void Swaps::submit(SwapRequest request, Callback callback, std::int64_t now_ns) {
-  if (const auto refusal = no_shadow(request.terms)) {
-    callback(*refusal);
-    return;
-  }
+  if (const auto refusal = no_shadow(request.terms)) return callback(*refusal);
   if (request.supersede) supersede(request, now_ns);
-  if (waiting_.size() + (head_ ? 1 : 0) >= kMaxWaiting) {
-    callback(Refusal{"busy", fmt::format("{} swaps wait already", kMaxWaiting), "try again later"});
-    return;
-  }
+  if (waiting_.size() + (head_ ? 1 : 0) >= kMaxWaiting)
+    return callback(Refusal{"busy", fmt::format("{} swaps wait already", kMaxWaiting), "try again later"});
   waiting_.push_back({Transaction(next_id_++, std::move(request), now_ns), std::move(callback)});
   keep_record(waiting_.back());
   go_on(now_ns);
@@ -81,7 +75,7 @@ void Swaps::supersede(const SwapRequest& newer, std::int64_t now_ns) {
     const SwapRequest& older = each.swap.request();
     return newer.client != 0 && older.client == newer.client && older.name == newer.name;
   };
-  const auto found = std::find_if(waiting_.begin(), waiting_.end(), is_it);
+  const auto found = std::ranges::find_if(waiting_, is_it);
   if (found == waiting_.end()) return;
   Entry gone = std::move(*found);
   waiting_.erase(found);
@@ -166,8 +160,8 @@ void Swaps::write_last_records(std::int64_t now_ns) {
   late_.retry(book_, now_ns + LateRecords::kPauseNs);
   if (const std::size_t lost = late_.waiting(); lost > 0)
     spdlog::error(
-        "{} certificate{} lost: nothing could be written to {} until the end; free space there, or set "
-        "LITHE_OUT_DIR, before the next lithe run",
+        "{} certificate{} lost: nothing could be written to {} until the end; free space there, or set LITHE_OUT_DIR, "
+        "before the next lithe run",
         lost, lost == 1 ? " is" : "s are", records().string());
 }
 
@@ -208,11 +202,7 @@ void Swaps::rewrite(const Transaction& swap, const RecordBook::Page& record) {
   }
 }
 
-std::uint64_t Swaps::missed_releases() const {
-  wire::Telemetry now{};
-  (void)help_.spine.latest(now);
-  return now.missed_releases;
-}
+std::uint64_t Swaps::missed_releases() const { return help_.spine.now().missed_releases; }
 
 void Swaps::note(const Transaction& swap, const char* kind, const std::string& text) {
   help_.log.note(swap.request_id(), kind, text);
@@ -223,10 +213,7 @@ void Swaps::note(const Transaction& swap, const char* kind, const std::string& t
 void Swaps::find_line(const Transaction& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found) {
   const auto located = [file = swap.request().name, found = std::move(found)](const Answer& answer) {
     const Json* place = std::get_if<Json>(&answer);
-    if (place == nullptr) {
-      found(nullptr);
-      return;
-    }
+    if (place == nullptr) return found(nullptr);
     found(
         {{"where", fmt::format("{}:{}", file, place->value("line", 0))}, {"function", place->value("function", "?")}});
   };
@@ -260,14 +247,12 @@ void Swaps::finish(Entry entry) {
   if (swap.stage() == Stage::measured) {
     note(swap, "swap_measured", fmt::format("{}: compared with the running law, not promoted", swap.request().name));
     tried_laws_.forget(swap.request_id());
-    entry.callback(certificate);
-    return;
+    return entry.callback(certificate);
   }
   if (!swap.refusal()) {
     if (!entry.record.path.empty()) sources_.add(swap.compiled().law, text_beside(entry.record.path));
     lifecycle_.follow(std::move(swap), entry.record, before_, monotonic_ns());
-    entry.callback(certificate);
-    return;
+    return entry.callback(certificate);
   }
   note(swap, swap.outcome_is_known() ? "swap_refused" : "swap_not_confirmed",
        fmt::format("{}: {}", swap.request().name, swap.refusal()->message));

@@ -8,6 +8,7 @@
 #include <system_error>
 #include <utility>
 
+#include "spine/core/host/files.hpp"
 #include "spine/core/host/paths.hpp"
 
 namespace lithe::control {
@@ -35,10 +36,9 @@ void compare(const Json& run, const Json& before, const char* which, const std::
 // The shared object of a law that this supervisor did not commit, found by the hash in the Spine.
 std::string cached_object(std::uint64_t source_hash) {
   const std::string begins = fmt::format("{:016x}", source_hash);
-  std::error_code failure;
-  for (const auto& entry : std::filesystem::directory_iterator(cache_dir() + "/laws", failure)) {
-    const std::string name = entry.path().filename().string();
-    if (source_hash != 0 && name.starts_with(begins) && name.ends_with(".so")) return entry.path().string();
+  for (const std::filesystem::path& path : files_in(cache_dir() + "/laws")) {
+    const std::string name = path.filename().string();
+    if (source_hash != 0 && name.starts_with(begins) && name.ends_with(".so")) return path.string();
   }
   return "";
 }

@@ -3,10 +3,8 @@
 #include <fmt/format.h>
 
 #include <cstdint>
-#include <sstream>
 
-#include "host/doctor/checks/checks.hpp"
-#include "host/doctor/notes.hpp"
+#include "host/doctor/item.hpp"
 #include "host/read/machine.hpp"
 #include "host/read/words.hpp"
 #include "spine/core/lookup.hpp"
@@ -99,9 +97,8 @@ State judge_group(Notes& notes, const HostFiles& files, const std::string& folde
   return state;
 }
 
-Finding check_memory_lock(const Subject& subject) {
+Finding check_memory_lock(const Subject& subject, Notes& notes) {
   const std::string limits_path = "/proc/self/limits";
-  Notes notes(subject);
   if (const auto running = judge_running_spine(subject, notes)) return *running;
   if (!subject.tasks.is_whole()) return notes.say(State::unknown, subject.tasks.why_not_whole);
   if (may_lock_all(subject, notes)) return notes.say(State::ok, "a Spine that is started here may lock its memory");
@@ -110,17 +107,15 @@ Finding check_memory_lock(const Subject& subject) {
   if (limit.empty()) return notes.unread(limits_path);
   if (limit == "unlimited" || whole_number(limit).value_or(0) >= kEnoughToLockBytes)
     return notes.say(State::ok, "a Spine that is started here may lock its memory");
-  return notes.say(State::fail, fmt::format("a Spine that is started here may lock {} bytes only", limit));
+  return notes.say(State::fail, "a Spine that is started here may lock {} bytes only", limit);
 }
 
-Finding check_malloc(const Subject& subject) {
-  Notes notes(subject);
+Finding check_malloc(const Subject&, Notes& notes) {
   notes.add("lithe-spine", "mallopt: no trimming, no mmap, one arena; no allocation in the tick");
   return notes.say(State::not_applicable, "the Spine sets this itself, for its own process");
 }
 
-Finding check_memory_scans(const Subject& subject) {
-  Notes notes(subject);
+Finding check_memory_scans(const Subject& subject, Notes& notes) {
   const State huge = judge_huge_pages(subject, notes), same = judge_same_pages(subject, notes);
   const State numa = judge_numa(subject, notes);
   const State compaction = judge_number(notes, "/proc/sys/vm/compaction_proactiveness");
@@ -137,25 +132,21 @@ Finding check_memory_scans(const Subject& subject) {
   return notes.say(state, words);
 }
 
-Finding check_swap(const Subject& subject) {
+Finding check_swap(const Subject&, Notes& notes) {
   const std::string path = "/proc/swaps";
-  Notes notes(subject);
   const Reading swaps = notes.read(path);
   if (!swaps.known() || !swaps.value.starts_with("Filename")) return notes.unread(path);
   if (swaps.value.find('\n') == std::string::npos) return notes.say(State::ok, "there is no swap");
   const std::optional<long long> swappiness = notes.number("/proc/sys/vm/swappiness");
   if (!swappiness) return notes.unread("/proc/sys/vm/swappiness");
-  return notes.say(*swappiness <= kRarelySwaps ? State::ok : State::warn,
-                   fmt::format("swap is on, swappiness {}", *swappiness));
+  return notes.say(*swappiness <= kRarelySwaps ? State::ok : State::warn, "swap is on, swappiness {}", *swappiness);
 }
 
-Finding check_shared_memory(const Subject& subject) {
+Finding check_shared_memory(const Subject& subject, Notes& notes) {
   const std::string path = "/proc/self/mounts";
-  Notes notes(subject);
   const Reading mounts = subject.files.read(path);
   std::string kind;
-  std::istringstream lines(mounts.value);
-  for (std::string line; std::getline(lines, line);) {
+  for (const std::string_view line : lines_in(mounts.value)) {
     const std::vector<std::string> words = split(line);
     if (words.size() > 2 && words[1] == "/dev/shm") kind = words[2];  // the last one is on top
   }
@@ -165,9 +156,8 @@ Finding check_shared_memory(const Subject& subject) {
   return notes.say(State::fail, "/dev/shm is not a tmpfs: shared memory would be a file on a disk");
 }
 
-Finding check_cache_partition(const Subject& subject) {
+Finding check_cache_partition(const Subject& subject, Notes& notes) {
   const std::string folder = "/sys/fs/resctrl";
-  Notes notes(subject);
   const BoardKind board = board_of(subject.files);
   const std::string flags = field_of(subject.files.read("/proc/cpuinfo", kMostFlagsBytes).value, "flags");
   if (board == BoardKind::raspberry_pi || board == BoardKind::jetson) {
@@ -184,22 +174,20 @@ Finding check_cache_partition(const Subject& subject) {
     const Reading cpus = subject.files.read(path);
     if (!contains(parse_cpu_list(cpus.value), subject.cpu)) continue;
     notes.add(path, cpus.value);
-    return notes.say(State::ok, fmt::format("group {} has a part of the cache for core {}", each, subject.cpu));
+    return notes.say(State::ok, "group {} has a part of the cache for core {}", each, subject.cpu);
   }
   notes.add(folder, "no group has the core");
   return notes.say(State::warn, "other cores may push the Spine's data out of the shared cache");
 }
 
-Finding check_memory_limit(const Subject& subject) {
+Finding check_memory_limit(const Subject& subject, Notes& notes) {
   const std::string path = "/proc/self/cgroup";
-  Notes notes(subject);
   const Reading groups = notes.read(path);
   State state = State::unknown;
-  std::istringstream lines(groups.value);
-  for (std::string line; std::getline(lines, line);) {
+  for (const std::string_view line : lines_in(groups.value)) {
     const std::size_t v1 = line.find(":memory:");
-    if (v1 != std::string::npos) {
-      const std::string group = line.substr(v1 + 8);
+    if (v1 != std::string_view::npos) {
+      const std::string group(line.substr(v1 + 8));
       const Reading limit =
           notes.read("/sys/fs/cgroup/memory" + (group == "/" ? "" : group) + "/memory.limit_in_bytes");
       state = !limit.known() ? State::unknown : is_v1_limit(limit) ? State::ok : State::warn;
@@ -207,7 +195,7 @@ Finding check_memory_limit(const Subject& subject) {
     }
     if (!line.starts_with("0::/")) continue;
     state = State::ok;
-    for (std::string group = line.substr(3); group.size() > 1; group.resize(group.rfind('/')))
+    for (std::string group(line.substr(3)); group.size() > 1; group.resize(group.rfind('/')))
       state = worst({state, judge_group(notes, subject.files, "/sys/fs/cgroup" + group)});
     state = worst({state, judge_group(notes, subject.files, "/sys/fs/cgroup")});
   }
@@ -216,42 +204,39 @@ Finding check_memory_limit(const Subject& subject) {
                                              : "the memory of what is started here is limited");
 }
 
-Finding check_mitigations(const Subject& subject) {
-  Notes notes(subject);
+Finding check_mitigations(const Subject&, Notes& notes) {
   notes.read("/proc/sys/kernel/randomize_va_space");
   return notes.say(State::not_applicable, "no effect once the Spine runs: leave it on");
 }
 
+constexpr Item kMemoryItems[] = {
+    {30, "memory_lock", "The Spine's memory is locked", "else a tick can wait for a page: microseconds, or a disk",
+     "LimitMEMLOCK=infinity in the unit, or '* - memlock unlimited' in /etc/security/limits.d", kNow,
+     check_memory_lock},
+    {31, "malloc", "malloc keeps its memory", "trimming and mapping change the page tables of all threads",
+     "nothing to do", kNow, check_malloc},
+    {32, "memory_scans", "The kernel does not scan or move memory",
+     "huge pages, page merging, NUMA balancing and compaction interrupt every core that shares the memory",
+     "echo madvise > /sys/kernel/mm/transparent_hugepage/enabled; echo 0 > /sys/kernel/mm/ksm/run; sysctl "
+     "kernel.numa_balancing=0 vm.compaction_proactiveness=0",
+     kNow, check_memory_scans},
+    {33, "swap", "No swap, or hardly used", "the Brain waits for a disk in the middle of a plan",
+     "swapoff -a, or sysctl vm.swappiness=10", kNow, check_swap},
+    {34, "shared_memory", "Shared memory is memory", "Spine and Brain meet in /dev/shm",
+     "mount -t tmpfs tmpfs /dev/shm", kNow, check_shared_memory},
+    {35, "cache_partition", "The Spine has a part of the cache",
+     "the Brain's data pushes the Spine's out; a small law stays in the first cache anyway",
+     "mount -t resctrl resctrl /sys/fs/resctrl; a group with core {cpu} and its own schemata", kNow,
+     check_cache_partition},
+    {36, "memory_limit", "No memory limit for the robot's group",
+     "at a limit the kernel takes memory back from the group, in the middle of what it does",
+     "systemd: no MemoryHigh= and no MemoryMax= for the unit of lithe run", kNow, check_memory_limit},
+    {37, "mitigations", "Address randomisation and mitigations",
+     "they cost time at the start and at system calls; the tick makes none", "leave them on", kNow, check_mitigations},
+};
+
 }  // namespace
 
-std::span<const Item> memory_items() {
-  static constexpr Item kAll[] = {
-      {30, "memory_lock", "The Spine's memory is locked", "else a tick can wait for a page: microseconds, or a disk",
-       "LimitMEMLOCK=infinity in the unit, or '* - memlock unlimited' in /etc/security/limits.d", kNow,
-       check_memory_lock},
-      {31, "malloc", "malloc keeps its memory", "trimming and mapping change the page tables of all threads",
-       "nothing to do", kNow, check_malloc},
-      {32, "memory_scans", "The kernel does not scan or move memory",
-       "huge pages, page merging, NUMA balancing and compaction interrupt every core that shares the memory",
-       "echo madvise > /sys/kernel/mm/transparent_hugepage/enabled; echo 0 > /sys/kernel/mm/ksm/run; sysctl "
-       "kernel.numa_balancing=0 vm.compaction_proactiveness=0",
-       kNow, check_memory_scans},
-      {33, "swap", "No swap, or hardly used", "the Brain waits for a disk in the middle of a plan",
-       "swapoff -a, or sysctl vm.swappiness=10", kNow, check_swap},
-      {34, "shared_memory", "Shared memory is memory", "Spine and Brain meet in /dev/shm",
-       "mount -t tmpfs tmpfs /dev/shm", kNow, check_shared_memory},
-      {35, "cache_partition", "The Spine has a part of the cache",
-       "the Brain's data pushes the Spine's out; a small law stays in the first cache anyway",
-       "mount -t resctrl resctrl /sys/fs/resctrl; a group with core {cpu} and its own schemata", kNow,
-       check_cache_partition},
-      {36, "memory_limit", "No memory limit for the robot's group",
-       "at a limit the kernel takes memory back from the group, in the middle of what it does",
-       "systemd: no MemoryHigh= and no MemoryMax= for the unit of lithe run", kNow, check_memory_limit},
-      {37, "mitigations", "Address randomisation and mitigations",
-       "they cost time at the start and at system calls; the tick makes none", "leave them on", kNow,
-       check_mitigations},
-  };
-  return kAll;
-}
+std::span<const Item> memory_items() { return kMemoryItems; }
 
 }  // namespace lithe::host

@@ -2,8 +2,7 @@
 // Items 25 to 29: frequency, sleep states, power of buses.
 #include <fmt/format.h>
 
-#include "host/doctor/checks/checks.hpp"
-#include "host/doctor/notes.hpp"
+#include "host/doctor/item.hpp"
 #include "host/read/machine.hpp"
 #include "host/read/words.hpp"
 
@@ -50,8 +49,7 @@ State judge_supply(const Subject& subject, Notes& notes) {
   return State::unknown;
 }
 
-Finding check_governor(const Subject& subject) {
-  Notes notes(subject);
+Finding check_governor(const Subject& subject, Notes& notes) {
   const std::string folder = frequency_folder(subject);
   if (has_no_frequency(subject)) {
     notes.add(kPolicies, "(no policy)");
@@ -68,8 +66,7 @@ Finding check_governor(const Subject& subject) {
   return notes.say(state, "the frequency is fixed");
 }
 
-Finding check_turbo(const Subject& subject) {
-  Notes notes(subject);
+Finding check_turbo(const Subject& subject, Notes& notes) {
   const std::optional<long long> no_turbo = notes.number(fmt::format("{}/intel_pstate/no_turbo", kCpus));
   const std::optional<long long> boost = notes.number(fmt::format("{}/boost", kPolicies));
   if (no_turbo == 0 || boost == 1) return notes.say(State::warn, "turbo is on: the frequency depends on heat and load");
@@ -83,8 +80,7 @@ Finding check_turbo(const Subject& subject) {
   return notes.say(State::unknown, "no file tells whether turbo is on");
 }
 
-Finding check_idle_states(const Subject& subject) {
-  Notes notes(subject);
+Finding check_idle_states(const Subject& subject, Notes& notes) {
   const Reading driver = notes.read(fmt::format("{}/cpuidle/current_driver", kCpus));
   if (driver.value == "none") return notes.say(State::not_applicable, "the kernel chooses no sleep state here");
   const std::string folder = fmt::format("{}/cpu{}/cpuidle", kCpus, subject.cpu);
@@ -102,11 +98,10 @@ Finding check_idle_states(const Subject& subject) {
   }
   if (!deep.empty()) return notes.say(State::warn, "sleep state " + deep);
   if (!any || !all_read) return notes.say(State::unknown, "not all sleep states of the core can be read");
-  return notes.say(State::ok, fmt::format("the core leaves every allowed sleep state within {} us", kShallowUs));
+  return notes.say(State::ok, "the core leaves every allowed sleep state within {} us", kShallowUs);
 }
 
-Finding check_bus_power(const Subject& subject) {
-  Notes notes(subject);
+Finding check_bus_power(const Subject& subject, Notes& notes) {
   State pcie = State::not_applicable, usb = State::not_applicable;
   std::string words;
   if (!has_no(subject, "/sys/module", "pcie_aspm")) {
@@ -128,9 +123,8 @@ Finding check_bus_power(const Subject& subject) {
   return notes.say(state, words.empty() ? "PCIe and USB stay awake" : words);
 }
 
-Finding check_jetson_mode(const Subject& subject) {
+Finding check_jetson_mode(const Subject& subject, Notes& notes) {
   const std::string path = "/var/lib/nvpmodel/status";
-  Notes notes(subject);
   const BoardKind board = board_of(subject.files);
   notes.read("/proc/device-tree/model");
   if (board == BoardKind::unknown) return notes.say(State::unknown, "it is not known what board this is");
@@ -140,29 +134,26 @@ Finding check_jetson_mode(const Subject& subject) {
   return notes.say(mode.value == "pmode:0000" ? State::ok : State::warn, "power mode " + mode.value);
 }
 
+constexpr Item kPowerItems[] = {
+    {25, "governor", "The frequency is fixed",
+     "a change of frequency stops the core for 10 to 100 us and slows the law",
+     "echo performance > /sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor; the same value in scaling_min_freq "
+     "and scaling_max_freq; Raspberry Pi: force_turbo=1 and a strong supply",
+     kNow, check_governor},
+    {26, "turbo", "The frequency does not depend on heat", "with turbo, hot and cold runs differ",
+     "echo 1 > /sys/devices/system/cpu/intel_pstate/no_turbo, or echo 0 > /sys/devices/system/cpu/cpufreq/boost", kNow,
+     check_turbo},
+    {27, "idle_states", "The core wakes up fast", "no matter for a Spine that spins; a Spine that sleeps wakes up late",
+     "echo 1 > /sys/devices/system/cpu/cpu{cpu}/cpuidle/stateN/disable for the deep states", kNow, check_idle_states},
+    {28, "bus_power", "PCIe and USB stay awake",
+     "adapters answer late after a sleep; what the firmware does beside the kernel (SMI) no file tells: hwlatdetect",
+     "boot options pcie_aspm.policy=performance and usbcore.autosuspend=-1", kReboot, check_bus_power},
+    {29, "jetson_mode", "Jetson: full power mode", "other modes switch cores off and limit the clock",
+     "nvpmodel -m 0; jetson_clocks", kNow, check_jetson_mode},
+};
+
 }  // namespace
 
-std::span<const Item> power_items() {
-  static constexpr Item kAll[] = {
-      {25, "governor", "The frequency is fixed",
-       "a change of frequency stops the core for 10 to 100 us and slows the law",
-       "echo performance > /sys/devices/system/cpu/cpu{cpu}/cpufreq/scaling_governor; the same value in "
-       "scaling_min_freq "
-       "and scaling_max_freq; Raspberry Pi: force_turbo=1 and a strong supply",
-       kNow, check_governor},
-      {26, "turbo", "The frequency does not depend on heat", "with turbo, hot and cold runs differ",
-       "echo 1 > /sys/devices/system/cpu/intel_pstate/no_turbo, or echo 0 > /sys/devices/system/cpu/cpufreq/boost",
-       kNow, check_turbo},
-      {27, "idle_states", "The core wakes up fast",
-       "no matter for a Spine that spins; a Spine that sleeps wakes up late",
-       "echo 1 > /sys/devices/system/cpu/cpu{cpu}/cpuidle/stateN/disable for the deep states", kNow, check_idle_states},
-      {28, "bus_power", "PCIe and USB stay awake",
-       "adapters answer late after a sleep; what the firmware does beside the kernel (SMI) no file tells: hwlatdetect",
-       "boot options pcie_aspm.policy=performance and usbcore.autosuspend=-1", kReboot, check_bus_power},
-      {29, "jetson_mode", "Jetson: full power mode", "other modes switch cores off and limit the clock",
-       "nvpmodel -m 0; jetson_clocks", kNow, check_jetson_mode},
-  };
-  return kAll;
-}
+std::span<const Item> power_items() { return kPowerItems; }
 
 }  // namespace lithe::host

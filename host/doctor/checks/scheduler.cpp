@@ -4,11 +4,9 @@
 #include <unistd.h>
 
 #include <set>
-#include <sstream>
 
-#include "host/doctor/checks/checks.hpp"
-#include "host/doctor/notes.hpp"
-#include "host/read/partitions.hpp"
+#include "host/doctor/item.hpp"
+#include "host/read/machine.hpp"
 #include "host/read/words.hpp"
 #include "spine/core/lookup.hpp"
 
@@ -35,8 +33,7 @@ struct Domains {
 Domains read_domains(const Subject& subject, const std::string& text) {
   Domains domains;
   bool here = false;
-  std::istringstream lines(text);
-  for (std::string line; std::getline(lines, line);) {
+  for (const std::string_view line : lines_in(text)) {
     if (line.starts_with("cpu")) here = line.starts_with(fmt::format("cpu{} ", subject.cpu));
     domains.listed = domains.listed || here;
     if (line.starts_with("domain")) (here ? domains.here : domains.others) = true;
@@ -82,26 +79,21 @@ std::vector<std::string> movable(const Subject& subject, bool kernel, Notes& not
     const bool ours = each.is_spine() || (subject.files.root().empty() && each.pid == ::getpid());
     if (ours || each.is_kernel != kernel || each.is_bound || !each.may_run_on(subject.cpu)) continue;
     if (names.empty()) {
-      notes.add(fmt::format("/proc/{}/task/{}/status", each.pid, each.tid),
-                fmt::format("{}: Cpus_allowed_list {}", each.name, cpu_list(each.cpus)));
+      notes.add(fmt::format("/proc/{}/task/{}/status", each.pid, each.tid), "{}: Cpus_allowed_list {}", each.name,
+                cpu_list(each.cpus));
     }
     names.push_back(fmt::format("{} {}", each.tid, each.name));
   }
   return names;
 }
 
-Finding judge_movable(const Subject& subject, bool kernel, State when_some) {
-  Notes notes(subject);
+Finding judge_movable(const Subject& subject, bool kernel, State when_some, Notes& notes) {
   const std::vector<std::string> names = movable(subject, kernel, notes);
   const char* noun = kernel ? "movable kernel thread" : "user thread";
-  if (!names.empty())
-    return notes.say(when_some, some_of(names, noun) + fmt::format(" may run on core {}", subject.cpu));
-  if (!subject.tasks.is_whole()) {
-    notes.add(kAllTasks, subject.tasks.why_not_whole);
-    return notes.say(State::unknown, subject.tasks.why_not_whole);
-  }
-  notes.add(kAllTasks, fmt::format("{} threads, none of these on core {}", subject.tasks.all.size(), subject.cpu));
-  return notes.say(State::ok, fmt::format("no {} may run on core {}", noun, subject.cpu));
+  if (!names.empty()) return notes.say(when_some, "{} may run on core {}", some_of(names, noun), subject.cpu);
+  if (!subject.tasks.is_whole()) return notes.not_whole(subject.tasks);
+  notes.add(kAllTasks, "{} threads, none of these on core {}", subject.tasks.all.size(), subject.cpu);
+  return notes.say(State::ok, "no {} may run on core {}", noun, subject.cpu);
 }
 
 // Whether cpusets belong to cgroup v1 here. Nothing when that cannot be read.
@@ -111,16 +103,14 @@ std::optional<bool> is_v1(Notes& notes) {
   return groups.value.find(":cpuset:") != std::string::npos;
 }
 
-Finding check_domain_isolation(const Subject& subject) {
-  Notes notes(subject);
+Finding check_domain_isolation(const Subject& subject, Notes& notes) {
   const int cpu = subject.cpu;
   const Reading boot = notes.read(kIsolated);
   const Isolation how = subject.isolated.how(cpu);
-  if (how == Isolation::boot) return notes.say(State::ok, fmt::format("core {} is isolated since the boot", cpu));
+  if (how == Isolation::boot) return notes.say(State::ok, "core {} is isolated since the boot", cpu);
   if (how == Isolation::cpuset) {
     notes.read(kOwnGroup);
-    return notes.say(State::ok,
-                     fmt::format("core {} is in the isolated partition that this process is in or may join", cpu));
+    return notes.say(State::ok, "core {} is in the isolated partition that this process is in or may join", cpu);
   }
   bool all_read = boot.known();
   std::set<int> left(subject.online.begin(), subject.online.end());  // the cores that nothing says are isolated
@@ -131,25 +121,22 @@ Finding check_domain_isolation(const Subject& subject) {
     for (const int its : each.cpus) left.erase(its);
     if (!contains(each.cpus, cpu)) continue;
     notes.add(each.kind.path, each.kind.value);
-    return notes.say(State::ok, fmt::format("core {} is in an isolated partition", cpu));
+    return notes.say(State::ok, "core {} is in an isolated partition", cpu);
   }
   const Domains domains = read_domains(subject, notes.read(kSchedStat).value);
   if (domains.isolate() && subject.online.size() > 1)
-    return notes.say(State::ok, fmt::format("core {} is in no scheduling domain", cpu));
+    return notes.say(State::ok, "core {} is in no scheduling domain", cpu);
   if (!all_read) return notes.say(State::unknown, "not everything that tells isolated cores can be read");
-  if (left.size() == 1 && subject.online.size() > 1) {
-    return notes.say(State::fail,
-                     fmt::format("core {} is the last one that is not isolated: all tasks run there", cpu));
-  }
+  if (left.size() == 1 && subject.online.size() > 1)
+    return notes.say(State::fail, "core {} is the last one that is not isolated: all tasks run there", cpu);
   if (domains.listed && !domains.here && left.size() > 1) {
-    if (is_out_of_v1(subject, notes)) return notes.say(State::ok, fmt::format("no cpuset balances core {}", cpu));
+    if (is_out_of_v1(subject, notes)) return notes.say(State::ok, "no cpuset balances core {}", cpu);
     return notes.say(State::unknown, "no core has a scheduling domain: which of them are isolated is not known");
   }
   return notes.say(State::fail, fmt::format("core {} is not isolated", cpu) + dropped_option(subject, notes));
 }
 
-Finding check_isolated_partition(const Subject& subject) {
-  Notes notes(subject);
+Finding check_isolated_partition(const Subject& subject, Notes& notes) {
   bool all_read = true;
   const Partition* good = nullptr;
   const std::vector<Partition> partitions = read_partitions(subject.files);
@@ -158,12 +145,12 @@ Finding check_isolated_partition(const Subject& subject) {
     if (each.kind.value.empty()) continue;
     notes.add(each.kind.path, each.kind.value);
     if (each.is_invalid() && contains(parse_cpu_list(each.wanted.value), subject.cpu))
-      return notes.say(State::fail, fmt::format("the partition is not in force: {}", each.kind.value));
+      return notes.say(State::fail, "the partition is not in force: {}", each.kind.value);
     if (each.is_isolated() && contains(each.cpus, subject.cpu)) good = &each;
   }
   const std::optional<bool> v1 = is_v1(notes);
   if (!all_read || !v1) return notes.say(State::unknown, "the files of a partition cannot be read");
-  if (good != nullptr) return notes.say(State::ok, fmt::format("core {} is in an isolated partition", subject.cpu));
+  if (good != nullptr) return notes.say(State::ok, "core {} is in an isolated partition", subject.cpu);
   if (*v1) return notes.say(State::not_applicable, "cpusets belong to cgroup v1 here");
   if (subject.isolated.how(subject.cpu) == Isolation::boot) {
     notes.read(kIsolated);
@@ -175,11 +162,10 @@ Finding check_isolated_partition(const Subject& subject) {
   const Reading controllers = notes.read(path);
   if (!controllers.known()) return notes.unread(path);
   if (!has_word(controllers.value, "cpuset")) return notes.say(State::warn, "cgroup v2 has no cpuset here");
-  return notes.say(State::warn, fmt::format("no isolated partition has core {}", subject.cpu));
+  return notes.say(State::warn, "no isolated partition has core {}", subject.cpu);
 }
 
-Finding check_v1_shield(const Subject& subject) {
-  Notes notes(subject);
+Finding check_v1_shield(const Subject& subject, Notes& notes) {
   const std::optional<bool> v1 = is_v1(notes);
   if (!v1) return notes.unread(kOwnGroup);
   if (!*v1) return notes.say(State::not_applicable, "cpusets belong to cgroup v2 here");
@@ -200,66 +186,63 @@ Finding check_v1_shield(const Subject& subject) {
   return notes.say(State::ok, "balancing is off and no movable task is left on the core");
 }
 
-Finding check_user_tasks(const Subject& subject) { return judge_movable(subject, false, State::fail); }
+Finding check_user_tasks(const Subject& subject, Notes& notes) {
+  return judge_movable(subject, false, State::fail, notes);
+}
 
-Finding check_kernel_threads(const Subject& subject) { return judge_movable(subject, true, State::warn); }
+Finding check_kernel_threads(const Subject& subject, Notes& notes) {
+  return judge_movable(subject, true, State::warn, notes);
+}
 
-Finding check_bound_kernel_threads(const Subject& subject) {
-  Notes notes(subject);
+Finding check_bound_kernel_threads(const Subject& subject, Notes& notes) {
   std::size_t bound = 0;
   for (const Task& each : subject.tasks.all) bound += each.is_bound && each.may_run_on(subject.cpu) ? 1 : 0;
-  notes.add(kAllTasks, fmt::format("{} kernel threads are bound to core {}", bound, subject.cpu));
+  notes.add(kAllTasks, "{} kernel threads are bound to core {}", bound, subject.cpu);
   if (!subject.measured)
     return notes.say(State::unknown, "how often they run is not in a file: lithe doctor --measure 10 counts it");
   const double rate = subject.measured->switches_per_s;
-  notes.add("--measure", fmt::format("{:.1f} involuntary switches/s", rate));
+  notes.add("--measure", "{:.1f} involuntary switches/s", rate);
   return notes.say(rate <= kBoundSwitchesPerS ? State::ok : State::warn,
-                   fmt::format("other tasks took the core {:.1f} times a second", rate));
+                   "other tasks took the core {:.1f} times a second", rate);
 }
 
-Finding check_workqueues(const Subject& subject) {
+Finding check_workqueues(const Subject& subject, Notes& notes) {
   const std::string path = "/sys/devices/virtual/workqueue/cpumask";
-  Notes notes(subject);
   const std::optional<std::vector<int>> cpus = parse_mask(notes.read(path).value);
   if (!cpus) return notes.unread(path);
   if (!contains(*cpus, subject.cpu)) return notes.say(State::ok, "unbound work of the kernel runs on other cores");
-  return notes.say(State::warn, fmt::format("unbound work of the kernel may run on core {}", subject.cpu));
+  return notes.say(State::warn, "unbound work of the kernel may run on core {}", subject.cpu);
 }
+
+constexpr Item kSchedulerItems[] = {
+    {1, "domain_isolation", "The core is taken from the scheduler",
+     "the kernel then moves no task to it: everything else on the machine stays off the Spine's core",
+     "at run time: an isolated cpuset partition with core {cpu}; at boot: isolcpus=managed_irq,domain,{cpu} (no nohz "
+     "in it unless the kernel has CONFIG_NO_HZ_FULL)",
+     kNow, check_domain_isolation},
+    {2, "isolated_partition", "Isolated partition of cgroup v2",
+     "the same without a reboot; the kernel can make it invalid later without a word, for example after a core was off",
+     "mkdir /sys/fs/cgroup/spine; write {cpu} to its cpuset.cpus, then isolated to its cpuset.cpus.partition", kNow,
+     check_isolated_partition},
+    {3, "v1_shield", "Shield of cgroup v1",
+     "where cpusets belong to cgroup v1, balancing can be turned off; tasks left on the core then stay there for ever",
+     "move every task to a cpuset of cores {others}, then write 0 to the root's cpuset.sched_load_balance", kNow,
+     check_v1_shield},
+    {4, "user_tasks", "User tasks stay off the core",
+     "a task that may run there will run there as soon as the core looks idle",
+     "taskset -acp {others} PID for each; for good: systemd CPUAffinity={others}", kNow, check_user_tasks},
+    {5, "kernel_threads", "Movable kernel threads stay off the core",
+     "threads such as rcu_preempt, kcompactd and khugepaged take the core for some 10 us",
+     "taskset -cp {others} TID for each; kernel threads that start later may come back", kNow, check_kernel_threads},
+    {6, "bound_kernel_threads", "Kernel threads bound to the core are quiet",
+     "kworker/{cpu}, ksoftirqd/{cpu} and migration/{cpu} cannot be moved; only their causes can: items 7, 12, 20, 21",
+     "mend items 7, 12, 20 and 21, then measure again", kNow, check_bound_kernel_threads},
+    {7, "workqueues", "Unbound kernel work stays off the core", "write-back and the like take the core for some 10 us",
+     "echo {others_mask} > /sys/devices/virtual/workqueue/cpumask", kNow, check_workqueues},
+};
 
 }  // namespace
 
-std::span<const Item> scheduler_items() {
-  static constexpr Item kAll[] = {
-      {1, "domain_isolation", "The core is taken from the scheduler",
-       "the kernel then moves no task to it: everything else on the machine stays off the Spine's core",
-       "at run time: an isolated cpuset partition with core {cpu}; at boot: isolcpus=managed_irq,domain,{cpu} (no nohz "
-       "in "
-       "it unless the kernel has CONFIG_NO_HZ_FULL)",
-       kNow, check_domain_isolation},
-      {2, "isolated_partition", "Isolated partition of cgroup v2",
-       "the same without a reboot; the kernel can make it invalid later without a word, for example after a core was "
-       "off",
-       "mkdir /sys/fs/cgroup/spine; write {cpu} to its cpuset.cpus, then isolated to its cpuset.cpus.partition", kNow,
-       check_isolated_partition},
-      {3, "v1_shield", "Shield of cgroup v1",
-       "where cpusets belong to cgroup v1, balancing can be turned off; tasks left on the core then stay there for "
-       "ever",
-       "move every task to a cpuset of cores {others}, then write 0 to the root's cpuset.sched_load_balance", kNow,
-       check_v1_shield},
-      {4, "user_tasks", "User tasks stay off the core",
-       "a task that may run there will run there as soon as the core looks idle",
-       "taskset -acp {others} PID for each; for good: systemd CPUAffinity={others}", kNow, check_user_tasks},
-      {5, "kernel_threads", "Movable kernel threads stay off the core",
-       "threads such as rcu_preempt, kcompactd and khugepaged take the core for some 10 us",
-       "taskset -cp {others} TID for each; kernel threads that start later may come back", kNow, check_kernel_threads},
-      {6, "bound_kernel_threads", "Kernel threads bound to the core are quiet",
-       "kworker/{cpu}, ksoftirqd/{cpu} and migration/{cpu} cannot be moved; only their causes can: items 7, 12, 20, 21",
-       "mend items 7, 12, 20 and 21, then measure again", kNow, check_bound_kernel_threads},
-      {7, "workqueues", "Unbound kernel work stays off the core",
-       "write-back and the like take the core for some 10 us",
-       "echo {others_mask} > /sys/devices/virtual/workqueue/cpumask", kNow, check_workqueues},
-  };
-  return kAll;
-}
+std::span<const Item> scheduler_items() { return kSchedulerItems; }
 
 }  // namespace lithe::host

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/doctor/measure/gaps.hpp"
+#include "host/doctor/measure/measure.hpp"
 
 #include <algorithm>
 
@@ -32,7 +32,7 @@ std::vector<double> phase_shares(std::span<const Gap> gaps) {
 }
 
 double quietest_phase_us(std::span<const double> shares) {
-  const double limit = *std::min_element(shares.begin(), shares.end()) + kEquallyQuiet;
+  const double limit = *std::ranges::min_element(shares) + kEquallyQuiet;
   const auto bins = shares.size();
   std::size_t best = 0, longest = 0;
   for (std::size_t start = 0; start < bins; ++start) {

@@ -9,8 +9,6 @@
 #include <thread>
 #include <vector>
 
-#include "host/doctor/measure/gaps.hpp"
-#include "host/read/interrupt_counts.hpp"
 #include "host/read/machine.hpp"
 #include "spine/core/host/realtime.hpp"
 #include "spine/core/time.hpp"

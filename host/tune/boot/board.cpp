@@ -92,8 +92,8 @@ FoundBoard find_board(const HostFiles& files, const std::vector<Board>& boards) 
   std::string model = files.read("/proc/device-tree/model").value;
   model = model.substr(0, model.find('\0'));  // the kernel ends it with a zero
   for (const Board& board : boards) {
-    const bool is_it = std::any_of(board.models.begin(), board.models.end(),
-                                   [&](const std::string& start) { return model.starts_with(start); });
+    const bool is_it =
+        std::ranges::any_of(board.models, [&](const std::string& start) { return model.starts_with(start); });
     if (is_it) return {&board, fmt::format("/proc/device-tree/model is \"{}\"", printable(model))};
   }
   for (const Board& board : boards) {
@@ -101,8 +101,7 @@ FoundBoard find_board(const HostFiles& files, const std::vector<Board>& boards) 
     return {&board, fmt::format("/proc/cpuinfo has the flag {}", board.cpu_flag)};
   }
   for (const Board& board : boards) {
-    const auto there =
-        std::find_if(board.files.begin(), board.files.end(), [&](const std::string& path) { return files.has(path); });
+    const auto there = std::ranges::find_if(board.files, [&](const std::string& path) { return files.has(path); });
     if (there != board.files.end()) return {&board, *there + " is there", true};
   }
   return {};

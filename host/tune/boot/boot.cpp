@@ -13,8 +13,6 @@
 
 #include "host/tune/boot/board.hpp"
 #include "host/tune/boot/edit.hpp"
-#include "host/tune/boot/grub.hpp"
-#include "host/tune/boot/kernel.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/files.hpp"
 #include "spine/core/lookup.hpp"
@@ -30,7 +28,7 @@ constexpr std::size_t kMostBootBytes = std::size_t{64} << 10;
 // Each once.
 template <class T>
 std::vector<T> ascending(std::vector<T> list) {
-  std::sort(list.begin(), list.end());
+  std::ranges::sort(list);
   list.erase(std::unique(list.begin(), list.end()), list.end());
   return list;
 }
@@ -123,10 +121,10 @@ Error no_boot_file(const HostFiles& files, const FoundBoard& found, const std::v
   std::vector<std::string> reasons;
   for (const BootFile& boot : found.board->boot)
     reasons.push_back(fmt::format("{} ({})", boot.path, why_not(files, boot)));
-  return Error{fmt::format(
-      "board {} ({}): no boot file that lithe can edit; looked for {}. If the boot partition is not mounted, "
-      "mount it and plan again. {}",
-      found.board->name, found.because, fmt::join(reasons, ", "), by_hand(files, flags))};
+  return Error{
+      fmt::format("board {} ({}): no boot file that lithe can edit; looked for {}. If the boot partition is not "
+                  "mounted, mount it and plan again. {}",
+                  found.board->name, found.because, fmt::join(reasons, ", "), by_hand(files, flags))};
 }
 
 std::vector<std::string> notes_of(const HostFiles& files, const FoundBoard& found, const KernelFlags& kernel) {
@@ -154,8 +152,8 @@ Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
   const FoundBoard found = find_board(files, *boards);
   if (found.board == nullptr) return no_board(files, *boards, kernel->flags);
   const auto& candidates = found.board->boot;
-  const auto boot = std::find_if(candidates.begin(), candidates.end(),
-                                 [&](const BootFile& each) { return why_not(files, each).empty(); });
+  const auto boot =
+      std::ranges::find_if(candidates, [&](const BootFile& each) { return why_not(files, each).empty(); });
   if (boot == candidates.end()) return no_boot_file(files, found, kernel->flags);
   const Result<Edit> edit = edit_boot_file(files, *boot, kernel->flags);
   if (!edit) return edit.error();

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "host/tune/boot/grub.hpp"
+#include "host/tune/boot/edit.hpp"
 #include "host/tune/boot/test/trees.hpp"
 #include "spine/core/host/child.hpp"
 

@@ -7,6 +7,7 @@
 #include <cctype>
 #include <cstddef>
 
+#include "spine/core/lookup.hpp"
 #include "spine/core/text.hpp"
 
 namespace lithe::host {
@@ -27,18 +28,14 @@ struct ExtlinuxLine {
 
 std::vector<ExtlinuxLine> lines_of(std::string_view text) {
   std::vector<ExtlinuxLine> lines;
-  std::size_t number = 0;
-  for (std::size_t at = 0; at < text.size();) {
-    const std::size_t end = std::min(text.find('\n', at), text.size());
-    const std::string_view line = text.substr(at, end - at);
+  for (const std::string_view line : lines_in(text)) {
     const std::size_t first = std::min(line.find_first_not_of(kBlanks), line.size());
     const std::size_t behind = std::min(line.find_first_of(kBlanks, first), line.size());
     const std::size_t argument = std::min(line.find_first_not_of(kBlanks, behind), line.size());
     std::string word(line.substr(first, behind - first));
-    std::transform(word.begin(), word.end(), word.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-    lines.push_back({++number, word, line.substr(argument), at + argument});
-    at = end + 1;
+    std::ranges::transform(word, word.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const auto at = static_cast<std::size_t>(line.data() - text.data());
+    lines.push_back({lines.size() + 1, word, line.substr(argument), at + argument});
   }
   return lines;
 }
@@ -48,7 +45,7 @@ std::string trimmed(std::string_view text) { return std::string(text.substr(0, t
 // The only line with that word, if that is so. `lines` is not empty.
 Result<ExtlinuxLine> only(const std::vector<ExtlinuxLine>& lines, const std::string& path, std::string_view word) {
   const auto is_it = [&](const ExtlinuxLine& line) { return line.word == word; };
-  const auto found = std::find_if(lines.begin(), lines.end(), is_it);
+  const auto found = std::ranges::find_if(lines, is_it);
   if (found == lines.end())
     return refusal(place(path, lines.front().number), fmt::format("no line \"{} ...\" from here on", word));
   const auto again = std::find_if(found + 1, lines.end(), is_it);
@@ -114,6 +111,105 @@ Result<Edit> edit_extlinux(const std::string& path, const std::string& text, con
   std::string after = text;
   after.replace(append->argument_at, append->argument.size(), *line);
   return Edit{.path = path, .before = text, .after = after};
+}
+
+namespace {
+
+constexpr std::size_t kMostLineBytes = 2047;  // COMMAND_LINE_SIZE of x86 and arm64 is 2048, with the zero at its end
+
+std::string without_quotes(std::string_view text) {
+  std::string plain(text);
+  std::erase(plain, '"');
+  return plain;
+}
+
+Error conflict(const Word& there, const Flag& flag) {
+  return Error{
+      fmt::format("{}: \"{}\" is set there, and this plan needs \"{}\": nothing is written. Keep one: remove what is "
+                  "there and plan again (`lithe tune revert` removes it if an earlier plan wrote it)",
+                  there.where, printable(there.text), flag.text())};
+}
+
+}  // namespace
+
+std::string text_of(const std::vector<Flag>& flags) { return joined(flags, &Flag::text, " "); }
+
+std::string Word::name() const {
+  std::string name = text.substr(0, text.find('='));
+  std::ranges::replace(name, '-', '_');
+  return name;
+}
+
+Result<std::vector<Word>> words_of(std::string_view line, const std::string& where) {
+  std::vector<Word> words;
+  for (std::size_t at = 0; at < line.size();) {
+    if (is_blank(line[at])) {
+      ++at;
+      continue;
+    }
+    const std::size_t begin = at;
+    bool quoted = false;
+    for (; at < line.size() && (quoted || !is_blank(line[at])); ++at) quoted ^= line[at] == '"';
+    if (quoted) {
+      return Error{
+          fmt::format("{}: a double quote opens at column {} or later and does not close: nothing is written. Correct "
+                      "the line and plan again",
+                      where, begin + 1)};
+    }
+    const std::string_view text = line.substr(begin, at - begin);
+    if (text == "--") break;
+    words.push_back({.text = without_quotes(text), .where = where, .begin = begin, .end = at});
+  }
+  return words;
+}
+
+Result<std::vector<Flag>> missing_flags(const std::vector<Word>& words, const std::vector<Flag>& wanted) {
+  std::vector<Flag> missing;
+  const Word* there = nullptr;  // a flag that isolates, and stands there
+  for (const Flag& flag : wanted) {
+    const auto is_it = [&](const Word& word) { return word.name() == flag.name; };
+    const auto found = std::ranges::find_if(words, is_it);
+    if (found == words.end()) {
+      missing.push_back(flag);
+      continue;
+    }
+    if (found->text.substr(found->name().size()) != flag.text().substr(flag.name.size())) return conflict(*found, flag);
+    if (const auto again = std::find_if(found + 1, words.end(), is_it); again != words.end()) {
+      return Error{fmt::format("{}: \"{}\" stands twice (first at {}): nothing is written. Remove one and plan again",
+                               again->where, printable(again->text), found->where)};
+    }
+    if (flag.isolates) there = &*found;
+  }
+  const auto gone = std::ranges::find_if(missing, [](const Flag& flag) { return flag.isolates; });
+  if (there != nullptr && gone != missing.end()) {
+    return Error{fmt::format(
+        "{}: half of an isolation: \"{}\" stands there, \"{}\" does not: nothing is written. Add what is missing or "
+        "remove what is there (`lithe tune revert` does if an earlier plan wrote it), and plan again",
+        there->where, printable(there->text), gone->text())};
+  }
+  return missing;
+}
+
+Result<std::string> with_flags(std::string_view line, const std::vector<Flag>& wanted, const std::string& where) {
+  const Result<std::vector<Word>> words = words_of(line, where);
+  if (!words) return words.error();
+  if (words->empty()) {
+    return Error{
+        fmt::format("{}: no word for the kernel stands there, not even \"root=\": nothing is written. Restore the file "
+                    "and plan again",
+                    where)};
+  }
+  const Result<std::vector<Flag>> missing = missing_flags(*words, wanted);
+  if (!missing) return missing.error();
+  std::string whole(line);
+  if (!missing->empty()) whole.insert(words->back().end, " " + text_of(*missing));
+  if (whole.size() > kMostLineBytes) {
+    return Error{
+        fmt::format("{}: the line would have {} bytes, and kernels read {}: nothing is written. Remove flags that are "
+                    "not needed and plan again",
+                    where, whole.size(), kMostLineBytes)};
+  }
+  return whole;
 }
 
 }  // namespace lithe::host

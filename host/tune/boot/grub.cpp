@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/tune/boot/grub.hpp"
+#include "host/tune/boot/edit.hpp"
 
 #include <fmt/format.h>
 
@@ -7,7 +7,7 @@
 #include <cctype>
 #include <cstddef>
 
-#include "spine/core/text.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -59,20 +59,17 @@ Result<Parsed> parse(const GrubFile& file) {
   if (const Result<> good = check_boot_text(file.path, file.text); !good) return good.error();
   bool within = false;
   std::size_t number = 0;
-  for (std::size_t at = 0; at < file.text.size(); ++number) {
-    const std::size_t end = std::min(file.text.find('\n', at), file.text.size());
-    const std::string_view line = std::string_view(file.text).substr(at, end - at);
-    const std::string where = fmt::format("{}:{}", file.path, number + 1);
-    at = end + 1;
+  for (const std::string_view line : lines_in(file.text)) {
+    const std::string where = fmt::format("{}:{}", file.path, ++number);
     if (line.starts_with(kOurs)) {
       const bool expected = within ? line == kLast : line == kFirst && parsed.our_line == 0;
       if (!expected) return refusal(where, "a line of ours that is not whole, or not in its place");
-      if (!within) parsed.our_line = number + 1;
+      if (!within) parsed.our_line = number;
       within = !within;
       parsed.ours += fmt::format("{}\n", line);
     } else if (within) {
       parsed.ours += fmt::format("{}\n", line);
-    } else if (const Result<> read = read_line(line, where, number + 1, parsed); !read) {
+    } else if (const Result<> read = read_line(line, where, number, parsed); !read) {
       return read.error();
     }
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/tune/boot/grub.hpp"
+#include "host/tune/boot/edit.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/tune/boot/kernel.hpp"
+#include "host/tune/boot/boot.hpp"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cstddef>
 
+#include "host/read/files.hpp"
 #include "host/read/machine.hpp"
-#include "host/read/unpack.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/files.hpp"
 #include "spine/core/text.hpp"
@@ -76,13 +76,13 @@ std::vector<Extra> extras(const Kernel& kernel, const BootCores& cores) {
 }  // namespace
 
 bool Kernel::has(std::string_view option) const {
-  return !configs.empty() && std::all_of(configs.begin(), configs.end(), [&](const std::string& config) {
+  return !configs.empty() && std::ranges::all_of(configs, [&](const std::string& config) {
     return has_line(config, fmt::format("CONFIG_{}=y", option));
   });
 }
 
 bool Kernel::lacks(std::string_view option) const {
-  return std::any_of(configs.begin(), configs.end(), [&](const std::string& config) {
+  return std::ranges::any_of(configs, [&](const std::string& config) {
     return has_line(config, fmt::format("# CONFIG_{} is not set", option));
   });
 }
@@ -140,8 +140,7 @@ Result<KernelFlags> flags_for(const Kernel& kernel, const BootCores& cores) {
         fmt::format("left out, because this kernel does not know it: {}", fmt::join(left_out, ", ")));
   }
   // Written behind rcu_nocbs, where people expect it; to the kernel the order means nothing.
-  const auto behind =
-      std::find_if(result.flags.begin(), result.flags.end(), [](const Flag& flag) { return !flag.isolates; });
+  const auto behind = std::ranges::find_if(result.flags, [](const Flag& flag) { return !flag.isolates; });
   result.flags.insert(behind, {"irqaffinity", std::to_string(cores.housekeeping), true});
   return result;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/tune/boot/kernel.hpp"
+#include "host/tune/boot/boot.hpp"
 
 #include <gtest/gtest.h>
 #include <zlib.h>

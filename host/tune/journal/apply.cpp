@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/tune/journal/apply.hpp"
+#include "host/tune/journal/journal.hpp"
 
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <utility>
 
+#include "spine/core/lookup.hpp"
+
 namespace lithe::host {
 namespace {
 
-bool is_ours(const Entry& entry, const Now& now) {
-  return !now.absent && std::find(entry.ours.begin(), entry.ours.end(), now.value) != entry.ours.end();
-}
+bool is_ours(const Entry& entry, const Now& now) { return !now.absent && contains(entry.ours, now.value); }
 
 // A file that vanished was removed by somebody; a task that ended and a setting without its file are just gone.
 bool may_be_gone(const Change& change) {
@@ -95,7 +95,7 @@ Result<std::vector<Step>> apply(Journal& journal, const Writer& writer, const st
 Result<std::vector<Step>> revert_entries(Journal& journal, const Writer& writer, std::vector<Entry> entries,
                                          bool forget) {
   std::vector<Step> steps;
-  std::reverse(entries.begin(), entries.end());
+  std::ranges::reverse(entries);
   for (const Entry& entry : entries) {
     Step step = undo(writer, entry);
     if (step.well() || (forget && step.outcome == Outcome::foreign)) {

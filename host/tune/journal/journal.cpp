@@ -46,8 +46,7 @@ Json json_of(const Change& change) {
 
 // Throws on a line that is not ours.
 Change change_of(const Json& json) {
-  const auto* const kind =
-      std::find(std::begin(kChangeKinds), std::end(kChangeKinds), json.at("kind").get<std::string>());
+  const auto* const kind = std::ranges::find(kChangeKinds, json.at("kind").get<std::string>());
   if (kind == std::end(kChangeKinds)) throw std::out_of_range("kind");
   Change change;
   change.kind = static_cast<ChangeKind>(kind - std::begin(kChangeKinds));
@@ -123,11 +122,10 @@ Result<> Journal::lock(bool make) {
     if (::flock(file_.get(), LOCK_EX | LOCK_NB) != 0) {
       const int error = errno;
       file_ = Fd();
-      return Error{error == EWOULDBLOCK
-                       ? fmt::format("{} is in use: another lithe tune works, or a robot with --shield runs; wait for "
-                                     "its end or stop it",
-                                     path_)
-                       : fmt::format("cannot lock the journal {}: {}", path_, std::strerror(error))};
+      return Error{error == EWOULDBLOCK ? fmt::format("{} is in use: another lithe tune works, or a robot with "
+                                                      "--shield runs; wait for its end or stop it",
+                                                      path_)
+                                        : fmt::format("cannot lock the journal {}: {}", path_, std::strerror(error))};
     }
     struct stat about{};
     if (::fstat(file_.get(), &about) != 0 || about.st_uid != ::geteuid() || (about.st_mode & 022U) != 0) {
@@ -161,8 +159,7 @@ void Journal::take(const std::string& line) {
       if (json.at("boot") == boot_) merge(std::move(entry));
       return;
     }
-    const auto entry =
-        std::find_if(entries_.begin(), entries_.end(), [&](const Entry& each) { return each.number == number; });
+    const auto entry = std::ranges::find_if(entries_, [&](const Entry& each) { return each.number == number; });
     if (entry == entries_.end()) return;
     if (json.value("done", false))
       entry->ours.push_back(text_as_bytes(json.at("after")));

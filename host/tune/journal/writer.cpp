@@ -2,7 +2,6 @@
 #include "host/tune/journal/writer.hpp"
 
 #include <fcntl.h>
-#include <sched.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -16,6 +15,7 @@
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/fd.hpp"
 #include "spine/core/host/files.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/core/lookup.hpp"
 
 namespace lithe::host {
@@ -154,13 +154,10 @@ int Writer::set_group(const std::string& path, const Now& wanted) const {
 }
 
 int Writer::set_cores(const Change& change, const std::string& cores) const {
-  cpu_set_t set;
-  CPU_ZERO(&set);
-  for (const int core : parse_cpu_list(cores)) CPU_SET(static_cast<unsigned>(core), &set);
   const int tid = leading_number<int>(change.path.substr(change.path.rfind('/') + 1));
   if (tid <= 0) return ESRCH;
   step();
-  return ::sched_setaffinity(tid, sizeof set, &set) == 0 ? 0 : errno;
+  return set_allowed_cpus(tid, parse_cpu_list(cores));
 }
 
 void Writer::clean(const Change& change) const {

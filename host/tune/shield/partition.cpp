@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/tune/shield/partition.hpp"
+#include "host/tune/shield/shield_plan.hpp"
 
-#include <algorithm>
 #include <utility>
 
 #include "host/read/machine.hpp"
-#include "host/read/partitions.hpp"
 #include "host/read/tasks.hpp"
 #include "host/read/words.hpp"
 #include "spine/core/host/cores.hpp"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The partition of cgroup v2 on a machine made of files, with a real child as the only task. A real kernel:
 // docs/host.md.
-#include "host/tune/shield/partition.hpp"
+#include "host/tune/shield/shield_plan.hpp"
 
 #include <gtest/gtest.h>
 #include <sched.h>

@@ -11,8 +11,8 @@
 #include <utility>
 
 #include "host/read/tasks.hpp"
-#include "host/tune/runtime.hpp"
-#include "host/tune/shield/partition.hpp"
+#include "host/tune/lasting.hpp"
+#include "host/tune/shield/shield_plan.hpp"
 #include "spine/core/host/child.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/files.hpp"
@@ -267,8 +267,7 @@ std::string born_words(const Lowered& lowered) {
   const std::vector<std::string> names(lowered.born.begin(), lowered.born.begin() + static_cast<std::ptrdiff_t>(named));
   return fmt::format(
       "tasks started while the shield was up have all cores again: {}{}; one that chose fewer itself in that time has "
-      "to do so "
-      "anew",
+      "to do so anew",
       fmt::join(names, ", "), count > named ? fmt::format(" and {} more", count - named) : "");
 }
 

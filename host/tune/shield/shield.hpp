@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "host/tune/journal/apply.hpp"
+#include "host/tune/journal/journal.hpp"
 #include "host/tune/shield/shield_plan.hpp"
 
 namespace lithe::host {

@@ -2,11 +2,11 @@
 #include "host/tune/shield/shield_plan.hpp"
 
 #include <algorithm>
-#include <sstream>
 
 #include "host/read/tasks.hpp"
-#include "host/tune/shield/partition.hpp"
+#include "host/read/words.hpp"
 #include "spine/core/host/cores.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -15,20 +15,17 @@ constexpr const char* kRest = "lithe.rest";  // the group of cgroup v1 that hold
 
 // Where a hierarchy is mounted; "" when it is not.
 std::string mount_of(const HostFiles& files, const std::string& kind, const std::string& option) {
-  std::istringstream lines(files.read("/proc/mounts").value);
-  std::string line;
-  while (std::getline(lines, line)) {
-    std::istringstream words(line);
-    std::string device, folder, type, options;
-    words >> device >> folder >> type >> options;
-    if (type == kind && (option.empty() || ("," + options + ",").find("," + option + ",") != std::string::npos))
-      return folder;
+  const Reading mounts = files.read("/proc/mounts");
+  for (const std::string_view line : lines_in(mounts.value)) {
+    const std::vector<std::string> words = split(line);  // device, folder, type, options ...
+    if (words.size() < 4 || words[2] != kind) continue;
+    if (option.empty() || has_text("," + words[3] + ",", "," + option + ",")) return words[1];
   }
   return "";
 }
 
 bool holds_all(const std::vector<int>& cores, const std::vector<int>& wanted) {
-  return std::includes(cores.begin(), cores.end(), wanted.begin(), wanted.end());
+  return std::ranges::includes(cores, wanted);
 }
 
 // A group whose cores the kernel would balance together with the robot's: then nothing would leave its balancing.
@@ -54,14 +51,10 @@ void plan_cpuset1(const HostFiles& files, const std::vector<int>& cores, ShieldP
   const std::vector<int> rest = cores_without(parse_cpu_list(all.value), cores);
   const std::string balance = mount + "/cpuset.sched_load_balance";
   if (mount.empty() || !all.known() || rest.empty()) return;
-  if (files.read(balance).value != "1") {
-    plan.notes.push_back(balance + " is not 1: the kernel's balancing is left as it is");
-    return;
-  }
-  if (const std::string other = group_in_the_way(files, mount, cores); !other.empty()) {
-    plan.notes.push_back(other + " holds the robot's cores, too: the kernel's balancing is left as it is");
-    return;
-  }
+  if (files.read(balance).value != "1")
+    return plan.notes.push_back(balance + " is not 1: the kernel's balancing is left as it is");
+  if (const std::string other = group_in_the_way(files, mount, cores); !other.empty())
+    return plan.notes.push_back(other + " holds the robot's cores, too: the kernel's balancing is left as it is");
   const std::string folder = mount + "/" + kRest;
   plan.mechanism = Mechanism::cpuset1;
   plan.groups = {{.kind = ChangeKind::folder,
@@ -97,7 +90,7 @@ std::vector<Change> moves_plan(const HostFiles& files, const std::vector<int>& c
   for (const Task& task : read_tasks(files, who.only).all) {
     const std::vector<int> rest = cores_without(task.cpus, cores);
     const bool left_out = who.kernel && !task.is_kernel;
-    const bool stays = left_out || std::find(who.leave.begin(), who.leave.end(), task.pid) != who.leave.end();
+    const bool stays = left_out || contains(who.leave, task.pid);
     if (task.is_bound || stays || rest.empty() || rest.size() == task.cpus.size()) continue;
     moves.push_back({.kind = ChangeKind::affinity,
                      .item = kTaskItem,

@@ -115,13 +115,10 @@ IsolatedCores isolated_cores(pid_t pid, const std::string& root) {
 }
 
 std::vector<int> granted_cpus(const std::vector<int>& wanted) {
-  cpu_set_t set;
-  CPU_ZERO(&set);
-  for (const int cpu : wanted) CPU_SET(cpu, &set);
   std::vector<int> granted;
   // The request ends with its thread. The thread is not moved: its present core is among those requested.
   std::thread([&] {
-    if (sched_setaffinity(0, sizeof set, &set) == 0) granted = allowed_cpus();
+    if (set_allowed_cpus(0, wanted) == 0) granted = allowed_cpus();
   }).join();
   return granted;
 }

@@ -89,7 +89,7 @@ TEST_F(FakeKernel, APartitionThatIsInvalidOrBalancedIsNoIsolation) {
   EXPECT_EQ(isolated_cores(0, root_).all(), Cpus{});
 }
 
-// What a shield makes (host/tune/shield/partition.hpp): the process is outside, and its threads may join.
+// What a shield makes (host/tune/shield/shield_plan.hpp): the process is outside, and its threads may join.
 TEST_F(FakeKernel, TheCoresOfAShieldAreThereForThreadsThatJoin) {
   put("/sys/fs/cgroup/cgroup.procs", "");
   put("/sys/fs/cgroup/cgroup.threads", "");

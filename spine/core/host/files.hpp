@@ -3,8 +3,10 @@
 #pragma once
 
 #include <cstddef>
+#include <filesystem>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "spine/core/result.hpp"
 
@@ -16,6 +18,9 @@ inline constexpr std::size_t kMaxConfigBytes = std::size_t{1} << 20;  // of a ro
 // The bytes of a regular file, `most_bytes` at most. A directory, a device, a pipe and a larger file are errors:
 // "<path>: is a directory, not a file". Never waits (a pipe without a writer) and never reads without end (/dev/zero).
 Result<std::string> read_regular_file(const std::string& path, std::size_t most_bytes);
+
+// The paths in a folder, sorted; empty when there is none, or it cannot be read.
+std::vector<std::filesystem::path> files_in(const std::filesystem::path& folder);
 
 // Writes all bytes; 0 or errno.
 int write_all(int fd, std::string_view bytes);

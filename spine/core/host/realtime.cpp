@@ -26,6 +26,14 @@ std::vector<int> allowed_cpus(pid_t thread) {
   return cpus;
 }
 
+int set_allowed_cpus(pid_t thread, const std::vector<int>& cores) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  for (const int cpu : cores)
+    if (cpu >= 0 && cpu < CPU_SETSIZE) CPU_SET(static_cast<unsigned>(cpu), &set);
+  return ::sched_setaffinity(thread, sizeof(set), &set) == 0 ? 0 : errno;
+}
+
 Result<> pin_this_thread(int cpu) {
   cpu_set_t set;
   CPU_ZERO(&set);

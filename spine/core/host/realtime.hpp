@@ -14,6 +14,9 @@ namespace lithe {
 // The affinity of a thread (0: the calling one): the cores it may run on now, ascending; empty if unknown.
 std::vector<int> allowed_cpus(pid_t thread = 0);
 
+// Lets a thread (0: the calling one) run on these cores alone; 0 or errno. May be called between fork and exec.
+int set_allowed_cpus(pid_t thread, const std::vector<int>& cores);
+
 // Pins the calling thread; it joins the group of a shield (shield_group.hpp) for a core that only its members have, and
 // leaves it for another core. The error names the core and those allowed.
 Result<> pin_this_thread(int cpu);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The group of cgroup v2 that a shield makes for the threads of a robot (host/tune/shield/partition.hpp): an isolated
+// The group of cgroup v2 that a shield makes for the threads of a robot (host/tune/shield/shield_plan.hpp): an isolated
 // partition with the robot's cores. Its members are threads, not processes: a Spine's other threads need other cores.
 // Off the tick.
 #pragma once

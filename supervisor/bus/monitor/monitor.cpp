@@ -4,13 +4,18 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
+#include <string_view>
 #include <thread>
 
+#include "spine/core/lookup.hpp"
 #include "spine/core/time.hpp"
+#include "spine/hal/canopen/canopen.hpp"
+#include "spine/hal/canopen/canopen_pdo.hpp"
 #include "spine/hal/open_bus.hpp"
-#include "supervisor/bus/monitor/decode.hpp"
+#include "spine/hal/registry.hpp"
 #include "supervisor/bus/plan/frame_time.hpp"
 
 namespace lithe::bus {
@@ -81,12 +86,11 @@ Monitor::Monitor(const Choice& choice, const MonitorOptions& options, std::int64
 }
 
 std::string Monitor::complaint() const {
-  std::string names;
-  for (const robot::DeviceConfig& device : choice_.robot.devices) names += (names.empty() ? "" : ", ") + device.name;
+  const std::string names = joined(choice_.robot.devices, &robot::DeviceConfig::name);
   for (const std::string& wanted : options_.devices) {
     const bool is_id = !wanted.empty() && wanted.find_first_not_of("0123456789") == std::string::npos;
     const auto is_it = [&](const robot::DeviceConfig& device) { return device.name == wanted; };
-    if (is_id || std::any_of(choice_.robot.devices.begin(), choice_.robot.devices.end(), is_it)) continue;
+    if (is_id || std::ranges::any_of(choice_.robot.devices, is_it)) continue;
     return fmt::format("there is no device '{}'; {}", wanted, names.empty() ? "give its id" : "there are " + names);
   }
   return "";
@@ -101,7 +105,7 @@ std::string Monitor::name_of(std::size_t bus, std::optional<std::uint32_t> devic
 
 bool Monitor::shows(const std::string& name, std::optional<std::uint32_t> device) const {
   if (options_.devices.empty()) return true;
-  return std::any_of(options_.devices.begin(), options_.devices.end(), [&](const std::string& wanted) {
+  return std::ranges::any_of(options_.devices, [&](const std::string& wanted) {
     return (!name.empty() && wanted == name) || (device && wanted == std::to_string(*device));
   });
 }
@@ -196,6 +200,50 @@ int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, 
   const Json statistics = monitor.statistics(source, monotonic_ns());
   say(options.json ? statistics.dump() : statistics_text(statistics));
   return any ? 0 : 1;
+}
+
+namespace {
+
+namespace canopen = hal::canopen;
+
+std::string_view object_name(std::uint16_t index) {
+  for (const hal::DeviceType& type : hal::device_types()) {
+    const std::string_view name = type.object_name != nullptr ? type.object_name(index) : std::string_view();
+    if (!name.empty()) return name;
+  }
+  return {};
+}
+
+std::string process_text(const hal::DeviceType& type, const canopen::PdoMap& map, const hal::Frame& frame) {
+  std::array<std::uint32_t, canopen::PdoMap::kMost> values{};
+  if (!map.unpack(frame, values)) return "shorter than it is mapped: " + hal::bytes_text(frame);
+  std::string text;
+  for (std::size_t i = 0; i < map.objects().size(); ++i)
+    text += (text.empty() ? "" : ", ") + type.process_value(map.objects()[i], values[i]);
+  return text;
+}
+
+std::string process_data(const hal::Frame& frame, const robot::RobotConfig& robot, std::size_t bus) {
+  for (const robot::DeviceConfig& device : robot.devices) {
+    const hal::DeviceType& type = hal::type_of(device.kind);
+    if (device.bus != bus || device.id != canopen::node_of(frame) || type.process_map == nullptr) continue;
+    canopen::PdoMap map;
+    if (type.process_map(device, frame.id, map)) return process_text(type, map, frame);
+  }
+  return "";
+}
+
+}  // namespace
+
+hal::FrameText decode(const hal::Frame& frame, robot::Protocol protocol, const robot::RobotConfig& robot,
+                      std::size_t bus) {
+  const hal::FrameContext context{[&](const hal::Frame& pdo) { return process_data(pdo, robot, bus); }, object_name};
+  const hal::DeviceType* speaks = nullptr;
+  for (const hal::DeviceType& type : hal::device_types()) {
+    if (type.is_own != nullptr && type.is_own(frame)) return type.frame_text(frame, context);
+    if (type.frame_text != nullptr && robot::facts(type.kind).protocol == protocol) speaks = &type;
+  }
+  return speaks != nullptr ? speaks->frame_text(frame, context) : hal::FrameText{false, {}, hal::bytes_text(frame)};
 }
 
 }  // namespace lithe::bus

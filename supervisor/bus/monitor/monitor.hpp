@@ -12,8 +12,10 @@
 
 #include "spine/core/result.hpp"
 #include "spine/hal/core/bus.hpp"
+#include "spine/hal/core/bus_tools.hpp"
 #include "spine/hal/core/frame.hpp"
-#include "supervisor/bus/plan/report.hpp"
+#include "spine/robot/config.hpp"
+#include "supervisor/bus/plan/plan.hpp"
 #include "supervisor/bus/scan/place.hpp"
 
 namespace lithe::bus {
@@ -106,5 +108,11 @@ std::string statistics_text(const Json& statistics);
 // `warn` each new error of the source. Returns 0, or 1 when no frame was received.
 int watch(FrameSource& source, Monitor& monitor, const MonitorOptions& options, const std::function<bool()>& stop,
           const std::function<void(const std::string&)>& say, const std::function<void(const std::string&)>& warn);
+
+// Decoded by the protocol of the bus; frames of a kind of its own (a gateway) are recognised on every bus. Process
+// data is decoded by LITHE's own PDO mapping; for a node that is not in the file it is shown as bytes.
+// Contract: any frame is safe
+hal::FrameText decode(const hal::Frame& frame, robot::Protocol protocol, const robot::RobotConfig& robot,
+                      std::size_t bus);
 
 }  // namespace lithe::bus

@@ -17,7 +17,6 @@
 #include "spine/hal/gateway/gateway.hpp"
 #include "spine/hal/moteus/moteus.hpp"
 #include "spine/hal/moteus/moteus_terminal.hpp"
-#include "supervisor/bus/monitor/decode.hpp"
 #include "supervisor/bus/plan/frame_time.hpp"
 
 namespace lithe::bus {

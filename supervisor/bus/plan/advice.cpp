@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/bus/plan/advice.hpp"
+#include "supervisor/bus/plan/plan.hpp"
 
 #include <fmt/format.h>
 
@@ -33,7 +33,7 @@ bool may_live_on(const RobotConfig& robot, const DeviceConfig& device, std::size
   if (is_real(bus) != is_real(robot.buses[device.bus])) return false;
   const robot::DeviceFacts& kind = robot::facts(device.kind);
   if ((kind.needs_fd && !is_fd(bus)) || (kind.needs_classic && !carries_classic(bus))) return false;
-  return std::all_of(robot.devices.begin(), robot.devices.end(), [&](const DeviceConfig& other) {
+  return std::ranges::all_of(robot.devices, [&](const DeviceConfig& other) {
     return other.bus != target || robot::go_together(other.kind, device.kind);
   });
 }
@@ -203,8 +203,8 @@ Verdict judge_for_run(const RobotConfig& robot) {
     if (verdict.refuse == impossible && !verdict.text.empty()) continue;  // report the first finding of the worse kind
     verdict.refuse = impossible;
     verdict.text = fmt::format(
-        "bus \"{}\" would be {:.0f} % busy at {:g} Hz (average {:.0f} %), an exchange would "
-        "take up to {:.0f} us of {:.0f}; {}",
+        "bus \"{}\" would be {:.0f} % busy at {:g} Hz (average {:.0f} %), an exchange would take up to {:.0f} us of "
+        "{:.0f}; {}",
         bus.name, 100 * bus.load(), now.rate_hz, 100 * bus.load_average, bus.cycle_us, now.tick_us(),
         bus.highest_rate_hz >= 1 ? fmt::format("{:.0f} Hz fit", std::floor(bus.highest_rate_hz)) : "no rate fits");
     verdict.next = fmt::format("lithe bus plan {} tells what to move", robot.path);

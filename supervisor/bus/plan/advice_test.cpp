@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/bus/plan/advice.hpp"
+#include "supervisor/bus/plan/plan.hpp"
 
 #include <gtest/gtest.h>
 

@@ -86,7 +86,7 @@ Use use_of(const BusPlan& bus, double rate_hz, std::uint32_t ticks) {
   Use use;
   use.ticks.resize(ticks);
   Sums by_clock;
-  Traffic heartbeat;
+  Traffic heartbeat{};
   each_frame(bus, [&](const Traffic& each, std::uint32_t turn) {
     use.per_tick.add(each, each.per_tick);
     use.per_s.add(each, each.per_s);
@@ -157,11 +157,11 @@ void share_spi(const hal::BusType& board, const RobotConfig& robot, const std::v
     pair_us = std::max(pair_us, uses[i].longest_there_us + uses[i].longest_back_us);
   }
   if (all.empty()) return;
-  const double spi_us = *std::max_element(all.begin(), all.end());
+  const double spi_us = *std::ranges::max_element(all);
   plan.spi_us = std::max(plan.spi_us, spi_us);
   for (std::size_t i = 0; i < us.size(); ++i)
     if (!us[i].empty())
-      plan.spi.push_back({board.kind, std::string(board.processors[i]), *std::max_element(us[i].begin(), us[i].end())});
+      plan.spi.push_back({board.kind, std::string(board.processors[i]), *std::ranges::max_element(us[i])});
   for (BusPlan& bus : plan.buses) {
     if (bus.kind != board.kind || bus.devices.empty()) continue;
     bus.cycle_us = std::max(bus.cycle_us, spi_us + kTurnAroundUs + pair_us);

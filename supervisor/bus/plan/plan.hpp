@@ -2,14 +2,36 @@
 // Bus planning: load, time of an exchange, and the highest rate that fits.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
+#include "spine/hal/core/planned_frame.hpp"
 #include "spine/robot/config.hpp"
-#include "supervisor/bus/plan/traffic.hpp"
 
 namespace lithe::bus {
+
+// Frames of one kind. Average: with their real identifiers, over payloads as random as those of a moving robot.
+// Worst: no frame of this shape is longer.
+struct Traffic : hal::PlannedFrame {
+  bool extended = false;
+  double average_us = 0;      // each, on the bus
+  double worst_us = 0;        //
+  double text_out_bytes = 0;  // each, on the line to a serial adapter, and back
+  double text_in_bytes = 0;   //
+  double spi_us = 0;          // each, between the computer and a board's processor
+};
+
+enum class Detail { all, worst_only };  // averages take a hundred times as long as all the rest
+
+// The frames of one device, as its row in the registry tells them.
+// Contract: pure · never in the tick
+std::vector<Traffic> traffic_of(const robot::DeviceConfig& device, const robot::BusConfig& bus, Detail detail);
+
+// The frames that a bus needs in addition, for example SYNC and our heartbeat. Empty for most.
+std::vector<Traffic> shared_traffic(const robot::RobotConfig& robot, std::size_t bus, Detail detail);
 
 // Above this load a bus has no room to repeat a disturbed frame.
 inline constexpr double kFullLoad = 0.8;
@@ -75,5 +97,28 @@ struct Plan {
 Plan plan(const robot::RobotConfig& robot, const PlanOptions& options);
 
 bool fits(const BusPlan& bus, const Plan& plan);
+
+using Json = nlohmann::ordered_json;
+
+// Loads are shares of 1; an unlimited value (a bus without devices) is null.
+Json to_json(const Plan& plan, const robot::RobotConfig& robot);
+
+// Sentences, the most useful first: devices to move to another bus, rate dividers, a lower rate. Every change is
+// planned again before it is proposed, so the changed robot fits and its file can be loaded. Empty when the robot fits
+// and waits for its answers.
+// Contract: pure · never in the tick
+std::vector<std::string> advise(const robot::RobotConfig& robot, const PlanOptions& options);
+
+// What `lithe run` does with a robot: start, warn or refuse.
+struct Verdict {
+  bool refuse = false;
+  std::string text;  // one sentence with the numbers; empty = no finding
+  std::string next;  // what to do
+};
+
+// Refuses when a real bus, or the serial line to its adapter, needs more than 100 % of its time with frames of average
+// length. Warns when a bus has no room to repeat a frame, when an exchange may be longer than a tick, and when answers
+// are not waited for. A loop bus is never refused: it takes no time.
+Verdict judge_for_run(const robot::RobotConfig& robot);
 
 }  // namespace lithe::bus

@@ -11,8 +11,6 @@
 #include <string>
 
 #include "spine/robot/robot.hpp"
-#include "supervisor/bus/plan/advice.hpp"
-#include "supervisor/bus/plan/report.hpp"
 #include "supervisor/bus/test/robots_rig.hpp"
 
 namespace lithe::bus {

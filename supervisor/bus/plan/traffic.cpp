@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/bus/plan/traffic.hpp"
+#include "supervisor/bus/plan/plan.hpp"
 
 #include <algorithm>
 #include <random>
@@ -34,14 +34,7 @@ void add_text(const Frame& frame, const hal::BusType& bus, Traffic& traffic) {
 }
 
 Traffic cost(const PlannedFrame& kind, const BusConfig& bus, Detail detail) {
-  Traffic traffic;
-  traffic.what = kind.what;
-  traffic.size = kind.size;
-  traffic.fd = kind.fd;
-  traffic.outbound = kind.outbound;
-  traffic.unasked = kind.unasked;
-  traffic.per_tick = kind.per_tick;
-  traffic.per_s = kind.per_s;
+  Traffic traffic{kind};
   const hal::BusType& type = hal::type_of(bus.kind);
   if (type.transfer_us != nullptr) traffic.spi_us = type.transfer_us(kind.size, kind.outbound);
   if (!kind.on_bus) return traffic;

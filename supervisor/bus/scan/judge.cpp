@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/bus/scan/judge.hpp"
+#include "supervisor/bus/scan/scan.hpp"
 
 #include <fmt/format.h>
 
@@ -56,21 +56,19 @@ void add_missing(const robot::RobotConfig& robot, std::size_t bus, std::vector<J
   for (const robot::DeviceConfig& device : robot.devices) {
     const auto is_it = [&](const Judged& found) { return found.name == device.name; };
     const bool on_it = device.bus == bus && robot::facts(device.kind).on_bus;
-    if (!on_it || std::any_of(all.begin(), all.end(), is_it)) continue;
+    if (!on_it || std::ranges::any_of(all, is_it)) continue;
     all.push_back({device.kind, device.id, device.name, Standing::missing, "", ""});
   }
 }
 
 const Judged* unknown_of_kind(const std::vector<Judged>& all, DeviceKind kind) {
-  const auto found = std::find_if(all.begin(), all.end(), [kind](const Judged& each) {
-    return each.kind == kind && each.standing == Standing::unknown;
-  });
+  const auto found = std::ranges::find_if(
+      all, [kind](const Judged& each) { return each.kind == kind && each.standing == Standing::unknown; });
   return found == all.end() ? nullptr : &*found;
 }
 
 void advise(const std::string& file, std::vector<Judged>& all) {
-  const bool silence =
-      std::all_of(all.begin(), all.end(), [](const Judged& e) { return e.standing == Standing::missing; });
+  const bool silence = std::ranges::all_of(all, [](const Judged& e) { return e.standing == Standing::missing; });
   for (Judged& each : all) {
     if (each.standing == Standing::unknown) {
       each.advice = fmt::format("add it to {} as a [[device]] of kind \"{}\" with id = {}, or take it off the bus",
@@ -116,7 +114,7 @@ BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_fi
 }
 
 bool matches(const BusFindings& findings) {
-  return findings.error.empty() && std::all_of(findings.devices.begin(), findings.devices.end(), [](const Judged& e) {
+  return findings.error.empty() && std::ranges::all_of(findings.devices, [](const Judged& e) {
            return e.standing == Standing::expected || e.standing == Standing::present;
          });
 }

@@ -10,7 +10,7 @@
 
 #include "spine/hal/registry.hpp"
 #include "spine/robot/robot.hpp"
-#include "supervisor/bus/plan/report.hpp"
+#include "supervisor/bus/plan/plan.hpp"
 
 namespace lithe::bus {
 namespace {
@@ -103,10 +103,9 @@ robot::Protocol protocol_of(const robot::RobotConfig& robot, std::size_t bus) {
     if (device.bus == bus && protocol != robot::Protocol::own) return protocol;
   }
   const bool fd = robot::is_fd(robot.buses[bus]);
-  const auto* const usual =
-      std::find_if(robot::kDeviceFacts.begin(), robot::kDeviceFacts.end(), [fd](const robot::DeviceFacts& kind) {
-        return kind.protocol != robot::Protocol::own && (fd ? kind.needs_fd : kind.needs_classic);
-      });
+  const auto* const usual = std::ranges::find_if(robot::kDeviceFacts, [fd](const robot::DeviceFacts& kind) {
+    return kind.protocol != robot::Protocol::own && (fd ? kind.needs_fd : kind.needs_classic);
+  });
   return usual->protocol;
 }
 

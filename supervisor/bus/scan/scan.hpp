@@ -2,14 +2,18 @@
 // Scans a bus: first it listens, then it asks. It only reads; it changes no mode or state.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "spine/hal/core/bus.hpp"
 #include "spine/hal/core/bus_tools.hpp"
 #include "spine/robot/config.hpp"
+#include "supervisor/bus/plan/plan.hpp"
+#include "supervisor/bus/scan/place.hpp"
 
 namespace lithe::bus {
 
@@ -44,5 +48,58 @@ void listen(std::vector<Line>& lines, std::int64_t for_ns, const Time& time);
 // apart. Takes about 0.3 s plus some milliseconds per device; on slow CANopen buses up to 4 s.
 // Contract: as listen()
 void ask(Line& line, const Time& time);
+
+// Compares the devices found on a bus with the robot file.
+
+enum class Standing : std::uint8_t {
+  expected,  // in the file and on the bus
+  present,   // on a bus of which no file says anything
+  unknown,   // on the bus, not in the file
+  missing,   // in the file, not on the bus
+  twice,     // several devices answer to this id
+  unfit,     // there, but cannot be driven by LITHE
+};
+std::string_view word(Standing standing);
+
+struct Judged {
+  robot::DeviceKind kind = robot::DeviceKind::moteus;
+  std::uint32_t id = 0;
+  std::string name;  // in the file; empty where it has none
+  Standing standing = Standing::present;
+  std::string what;    // the device's own description, as text
+  std::string advice;  // what to do next; empty = nothing
+};
+
+struct BusFindings {
+  std::size_t bus = 0;  // index into the robot's buses
+  std::vector<Judged> devices;
+  std::string error;  // why the scan is incomplete; empty = complete
+  std::string note;   // a remark that is not an error
+};
+
+// Contract: pure
+BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Line& line);
+
+// True when the bus is as the file says.
+bool matches(const BusFindings& findings);
+
+// `lithe bus scan`: runs the scan, and prints the findings as text or JSON.
+
+struct ScanOptions {
+  double listen_s = 1.1;  // longer than the pause between two heartbeats of most devices
+};
+
+struct Scan {
+  std::vector<BusFindings> buses;
+  bool matches = false;  // as the file says; without a file: a device answers and there is no error
+};
+
+// Opens the chosen buses, listens to all together, then asks on one after the other. A bus that cannot be opened, and a
+// loop bus, are findings, not errors.
+// Contract: not RT · takes seconds · nothing it sends can move a motor
+Scan scan(const Choice& choice, const ScanOptions& options);
+
+Json to_json(const Scan& scan, const Choice& choice);
+std::string to_text(const Scan& scan, const Choice& choice);
 
 }  // namespace lithe::bus

@@ -9,7 +9,6 @@
 
 #include "spine/hal/canopen/canopen_sdo.hpp"
 #include "spine/hal/moteus/moteus_terminal.hpp"
-#include "supervisor/bus/scan/judge.hpp"
 #include "supervisor/bus/scan/place.hpp"
 #include "supervisor/bus/test/scan_rig.hpp"
 

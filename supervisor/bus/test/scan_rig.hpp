@@ -13,7 +13,6 @@
 #include "spine/hal/cia402/sim/sim_cia402.hpp"
 #include "spine/hal/gateway/sim/sim_gateway.hpp"
 #include "spine/hal/moteus/sim/sim_moteus.hpp"
-#include "supervisor/bus/scan/judge.hpp"
 #include "supervisor/bus/scan/scan.hpp"
 
 namespace lithe::bus::test {

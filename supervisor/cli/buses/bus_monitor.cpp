@@ -16,7 +16,6 @@
 #include "spine/core/time.hpp"
 #include "supervisor/cli/buses/spines.hpp"
 #include "supervisor/cli/core/act.hpp"
-#include "supervisor/cli/core/talk.hpp"
 
 namespace lithe::cli {
 namespace {
@@ -82,8 +81,7 @@ Result<> listen_in(const bus::Choice& choice, const std::vector<Occupied>& spine
   std::vector<std::size_t> free;
   for (const std::size_t number : choice.buses) {
     const robot::BusConfig& bus = choice.robot.buses[number];
-    const auto spine =
-        std::find_if(spines.begin(), spines.end(), [number](const Occupied& each) { return each.ours == number; });
+    const auto spine = std::ranges::find_if(spines, [number](const Occupied& each) { return each.ours == number; });
     if (spine == spines.end() && !robot::is_real(bus))
       return Error{"bus '" + bus.name + "' is simulated and lives in the Spine: start the robot, then watch it"};
     if (spine == spines.end() || robot::facts(bus.kind).is_shared) {  // the kernel gives everybody everything

@@ -3,17 +3,15 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <system_error>
 #include <utility>
 
-#include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/robot/robot.hpp"
-#include "supervisor/link/client/presence.hpp"
+#include "supervisor/link/client/client.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::cli {

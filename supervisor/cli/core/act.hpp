@@ -4,16 +4,20 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
+#include <variant>
 #include <vector>
 
 #include "supervisor/bus/monitor/monitor.hpp"
 #include "supervisor/bus/plan/plan.hpp"
 #include "supervisor/bus/scan/place.hpp"
-#include "supervisor/bus/scan/scan_report.hpp"
+#include "supervisor/bus/scan/scan.hpp"
 #include "supervisor/core/answer.hpp"
+#include "supervisor/link/client/client.hpp"
 
 namespace lithe::cli {
 
@@ -101,5 +105,57 @@ int tune_apply(const Context& context, const TuneWords& words);
 int tune_revert(const Context& context, const TuneWords& words);
 // The exit code of the command; 128 + its signal when that ended it.
 int tune_shield(const Context& context, const TuneWords& words);
+
+// Requests from the command line to a robot, and their answers.
+
+using control::Answer;
+using control::Json;
+using control::Refusal;
+using control::value_of;
+
+inline constexpr int kQuickMs = 10'000;
+inline constexpr int kCompileMs = 180'000;
+
+// The value of a result; else throws a Refusal with this code and next step.
+template <class T>
+T value_of(Result<T> result, const char* code, const char* next) {
+  if (!result) throw Refusal{code, result.message(), next};
+  return std::move(*result);
+}
+
+// Sends one request to the context's robot. Throws the Refusal.
+Json ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms = kQuickMs);
+// The same, but returns a refusal instead of throwing it.
+Answer try_ask(const Context& context, const std::string& verb, const Json& args, int timeout_ms = kQuickMs);
+
+// The name of the context's robot, also when its supervisor does not answer. Throws the Refusal.
+std::string which_robot(const Context& context);
+
+// The connection, for more than one request. A stopped or silent supervisor, or a Spine without one, is reported within
+// 2 s.
+std::variant<control::Client, Refusal> connect(const Context& context);
+
+// Prints a refusal (stderr, or one JSON document on stdout) and returns its exit code.
+int refuse(const Context& context, const Refusal& refusal);
+
+// Prints a result: JSON as it is, else through `print`. Returns 0.
+int finish(const Context& context, const Json& result, const std::function<void(const Json&)>& print);
+
+// Fields of answers as text, and what several verbs print.
+
+// A field of an answer; 0 and "-" when it is missing or null (JSON has no NaN).
+double number(const Json& object, const char* key);
+std::string word(const Json& object, const char* key);
+
+// "a, b": the texts of an array.
+std::string listed(const Json& words);
+
+// A line for each of the `warnings` and `hints` of this object.
+std::string warning_lines(const Json& from, const char* indent);
+// What the compile service took off or replaced around a law's code, one line each.
+std::string cleaned_lines(const Json& from);
+
+// Prints what a command of the Spine has done.
+void print_command(const std::string& verb, const Json& result);
 
 }  // namespace lithe::cli

@@ -4,14 +4,12 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
-
 #include "host/doctor/measure/measure.hpp"
 #include "spine/core/host/cores.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/text.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
 #include "supervisor/cli/core/act.hpp"
-#include "supervisor/cli/core/talk.hpp"
 
 namespace lithe::cli {
 namespace {
@@ -22,7 +20,7 @@ constexpr int kBelowTierB = 1;
 int core_for(const DoctorOptions& options) {
   const MachineCores cores = machine_cores();
   if (!options.cpu) return robot::fold_cpus(cores).spine;
-  if (std::find(cores.online.begin(), cores.online.end(), *options.cpu) == cores.online.end()) {
+  if (!contains(cores.online, *options.cpu)) {
     throw Refusal{"bad_request", fmt::format("this machine has no core {} that is on", *options.cpu),
                   fmt::format("name one of {}: lithe doctor --cpu N", cpu_list(cores.online))};
   }

@@ -2,7 +2,6 @@
 // `lithe tune shield -- COMMAND`, and the cores that `lithe tune` means.
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <sched.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -20,10 +19,11 @@
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/fd.hpp"
 #include "spine/core/host/paths.hpp"
+#include "spine/core/host/realtime.hpp"
 #include "spine/core/host/shield_group.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
-#include "supervisor/cli/core/talk.hpp"
+#include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/host/target.hpp"
 
 namespace lithe::cli {
@@ -82,15 +82,6 @@ int run_command(const std::vector<std::string>& words, const sigset_t& awaited, 
   return WIFEXITED(status) ? WEXITSTATUS(status) : kSignalled + WTERMSIG(status);
 }
 
-// Off `cores` and onto the others of `all`.
-void leave_cores(const std::vector<int>& all, const std::vector<int>& cores) {
-  cpu_set_t set;
-  CPU_ZERO(&set);
-  for (const int cpu : all)
-    if (!std::binary_search(cores.begin(), cores.end(), cpu)) CPU_SET(cpu, &set);
-  ::sched_setaffinity(0, sizeof set, &set);  // refused: then it may stay, and the command starts there
-}
-
 // For the unit of systemd: this program; of an image, the one that is installed there.
 std::string program_of(const host::Target& target) {
   if (!target.image) return program_dir() + "/lithe";
@@ -125,8 +116,7 @@ host::Target target_of(const TuneWords& words) {
   target.partition = words.partition;
   target.files = !words.no_files;
   target.program = program_of(target);
-  const bool known =
-      std::includes(target.all_cores.begin(), target.all_cores.end(), target.cores.begin(), target.cores.end());
+  const bool known = std::ranges::includes(target.all_cores, target.cores);
   if (target.all_cores.size() < 2)
     throw control::Refusal{"usage", "this machine has one core: none can be kept free for a robot",
                            "nothing to tune: `lithe run` works there, and shares the core"};
@@ -151,9 +141,9 @@ int tune_shield(const Context&, const TuneWords& words) {
   const host::Target target = target_of(words);
   // The kernel moves no task away from a core that it no longer balances: this process and the command must leave it
   // first.
-  leave_cores(target.all_cores, target.cores);
+  (void)set_allowed_cpus(0, cores_without(target.all_cores, target.cores));  // refused: the command starts there
   auto raised = host::Shield::raise({.cores = target.cores, .leave = {::getpid()}, .partition = words.partition});
-  leave_cores(target.all_cores, {});
+  (void)set_allowed_cpus(0, target.all_cores);
   host::Shield shield = value_of(std::move(raised), "no_shield", "sudo lithe tune shield -- COMMAND");
   std::cerr << "shield: " << host::shield_words(shield.facts()) << std::endl;
   for (const std::string& note : shield.facts().notes) std::cerr << "shield: " << note << std::endl;

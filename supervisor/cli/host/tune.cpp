@@ -9,9 +9,9 @@
 
 #include "host/tune/shield/shield.hpp"
 #include "spine/core/host/cores.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/text.hpp"
 #include "supervisor/cli/core/act.hpp"
-#include "supervisor/cli/core/talk.hpp"
 #include "supervisor/cli/host/target.hpp"
 
 namespace lithe::cli {
@@ -20,20 +20,10 @@ namespace {
 constexpr int kNotEverything = 1;
 constexpr std::size_t kMostWords = 60;  // of a value on one line
 
-std::vector<std::string> lines_of(const std::string& text) {
-  std::vector<std::string> lines;
-  for (std::size_t at = 0; at < text.size();) {
-    const std::size_t end = std::min(text.find('\n', at), text.size());
-    lines.push_back(text.substr(at, end - at));
-    at = end + 1;
-  }
-  return lines;
-}
-
 // The lines that differ, those before with "-" and those after with "+".
 std::string difference(const std::string& before, const std::string& after) {
-  std::vector<std::string> old_lines = lines_of(before), new_lines = lines_of(after);
-  const auto [old_at, new_at] = std::mismatch(old_lines.begin(), old_lines.end(), new_lines.begin(), new_lines.end());
+  std::vector<std::string_view> old_lines = lines_in(before), new_lines = lines_in(after);
+  const auto [old_at, new_at] = std::ranges::mismatch(old_lines, new_lines);
   old_lines.erase(old_lines.begin(), old_at);
   new_lines.erase(new_lines.begin(), new_at);
   while (!old_lines.empty() && !new_lines.empty() && old_lines.back() == new_lines.back()) {
@@ -41,8 +31,8 @@ std::string difference(const std::string& before, const std::string& after) {
     new_lines.pop_back();
   }
   std::string text;
-  for (const std::string& line : old_lines) text += "      - " + line + "\n";
-  for (const std::string& line : new_lines) text += "      + " + line + "\n";
+  for (const std::string_view line : old_lines) text += fmt::format("      - {}\n", line);
+  for (const std::string_view line : new_lines) text += fmt::format("      + {}\n", line);
   return text;
 }
 

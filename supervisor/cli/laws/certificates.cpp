@@ -15,7 +15,6 @@
 #include "spine/core/lookup.hpp"
 #include "spine/core/text.hpp"
 #include "supervisor/cli/core/act.hpp"
-#include "supervisor/cli/core/talk.hpp"
 #include "supervisor/cli/laws/show.hpp"
 #include "supervisor/swap/certificate/record.hpp"
 
@@ -34,8 +33,8 @@ fs::path only_folder() {
   const fs::path all = control::records_of("any").parent_path().parent_path();
   std::vector<std::string> robots;
   std::error_code failure;
-  for (const auto& entry : fs::directory_iterator(all, failure))
-    if (fs::is_directory(entry.path() / "swaps", failure)) robots.push_back(entry.path().filename().string());
+  for (const fs::path& path : files_in(all))
+    if (fs::is_directory(path / "swaps", failure)) robots.push_back(path.filename().string());
   if (robots.size() == 1) return control::records_of(robots.front());
   if (robots.empty()) throw no_certificates(all);
   throw Refusal{"several_robots", fmt::format("several robots have left certificates in {}", all.string()),
@@ -55,12 +54,10 @@ fs::path find_folder(const Context& context, const std::string& folder) {
 
 // Newest first.
 std::vector<fs::path> pages(const fs::path& folder) {
-  std::vector<fs::path> found;
-  std::error_code failure;
-  for (const auto& entry : fs::directory_iterator(folder, failure))
-    if (entry.path().extension() == ".json") found.push_back(entry.path());
+  std::vector<fs::path> found = files_in(folder);
+  std::erase_if(found, [](const fs::path& path) { return path.extension() != ".json"; });
   const auto number = [](const fs::path& path) { return leading_number<long>(path.stem().string()); };
-  std::sort(found.begin(), found.end(), [&](const fs::path& a, const fs::path& b) { return number(a) > number(b); });
+  std::ranges::sort(found, [&](const fs::path& a, const fs::path& b) { return number(a) > number(b); });
   return found;
 }
 

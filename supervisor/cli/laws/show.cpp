@@ -74,10 +74,7 @@ void print_split(const Json& c) {
 void print_gates(const Json& c) {
   const Json& refused = at(c, {"error", "detail", "gates"});  // of a law that admission refused
   const Json& gates = refused.is_array() ? refused : at(c, {"gates"});
-  if (!gates.is_array()) {
-    row("gates", reason(c, "admitted"));
-    return;
-  }
+  if (!gates.is_array()) return row("gates", reason(c, "admitted"));
   std::size_t passed = 0;
   std::string failed;
   for (const Json& gate : gates)
@@ -90,10 +87,7 @@ void print_gates(const Json& c) {
 
 void print_trial(const Json& c) {
   const Json& trial = at(c, {"trial"});
-  if (!trial.is_object()) {
-    row("trial", reason(c, "tried"));
-    return;
-  }
+  if (!trial.is_object()) return row("trial", reason(c, "tried"));
   std::string words =
       fmt::format("{} in {:.0f} ms", at(trial, {"ok"}) == true ? "passed" : "refused", number(at(trial, {"ms"})));
   if (const Json& timing = at(trial, {"report", "timing"}); at(timing, {"done"}) == true) {

@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-#include "supervisor/cli/parse/reference.hpp"
+#include "supervisor/cli/parse/words.hpp"
 
 namespace lithe::cli {
 namespace {
@@ -45,7 +45,7 @@ std::vector<std::string> value_flags(const CLI::App& app, bool files) {
       flags.insert(flags.end(), each.flags.begin(), each.flags.end());
     }
   }
-  std::sort(flags.begin(), flags.end());
+  std::ranges::sort(flags);
   flags.erase(std::unique(flags.begin(), flags.end()), flags.end());
   return flags;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/cli/parse/reference.hpp"
+#include "supervisor/cli/parse/words.hpp"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -8,6 +8,7 @@
 #include <set>
 #include <string_view>
 
+#include "spine/core/lookup.hpp"
 #include "spine/robot/read/report.hpp"
 #include "spine/wire/wire.hpp"
 
@@ -70,8 +71,7 @@ control::Refusal no_such_verb(const Walk& found) {
 std::string usage_of(const Verb& verb) {
   std::string line = "lithe" + (verb.name.empty() ? "" : " " + verb.name);
   const std::vector<Argument> all = arguments_of(*verb.app);
-  if (std::any_of(all.begin(), all.end(), [](const Argument& each) { return !each.flags.empty(); }))
-    line += " [options]";
+  if (std::ranges::any_of(all, [](const Argument& each) { return !each.flags.empty(); })) line += " [options]";
   if (!children(*verb.app).empty()) line += " VERB";
   for (const Argument& each : all)
     if (each.flags.empty()) line += each.required ? " " + each.words : " [" + each.words + "]";
@@ -183,8 +183,6 @@ std::optional<control::Refusal> wrong_verb(const CLI::App& app, const std::vecto
 
 std::string verb_of(const CLI::App& app, const std::vector<std::string>& words) { return walk(app, words).name; }
 
-bool asks_for_json(const std::vector<std::string>& words) {
-  return std::find(words.begin(), words.end(), "--json") != words.end();
-}
+bool asks_for_json(const std::vector<std::string>& words) { return contains(words, "--json"); }
 
 }  // namespace lithe::cli

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/cli/parse/reference.hpp"
 
 #include <gtest/gtest.h>
 #include <stdlib.h>

@@ -5,8 +5,7 @@
 #include <iostream>
 #include <utility>
 
-#include "supervisor/cli/core/talk.hpp"
-#include "supervisor/cli/parse/reference.hpp"
+#include "supervisor/cli/core/act.hpp"
 
 namespace lithe::cli {
 namespace {
@@ -38,6 +37,12 @@ CLI::App* add_group(CLI::App& app, const char* group, const char* name, const ch
   return app.add_subcommand(name, about)->require_subcommand(1)->fallthrough()->group(group);
 }
 
+// An option with a value; `type`: what the help calls the value.
+template <class Value>
+CLI::Option* option(CLI::App& verb, const char* flag, Value& value, const char* type, const char* about) {
+  return verb.add_option(flag, value, about)->type_name(type);
+}
+
 // A verb that is one command of the Spine, by another name if `command` is given.
 void add_command(CLI::App& app, CommandLine& words, const char* group, const char* name, const char* about,
                  const char* command = nullptr) {
@@ -53,7 +58,7 @@ void add_run(CLI::App& app, CommandLine& words) {
                  return control::run_robot(w.run);
                });
   run->add_option("ROBOT", words.run.config_path, "robot file")->required();
-  run->add_option("--law", words.run.law, "law to start with, instead of the file's")->type_name("FILE");
+  option(*run, "--law", words.run.law, "FILE", "law to start with, instead of the file's");
   run->add_flag_callback("--no-arm", [&words] { words.run.arm = false; }, "leave the drives off until lithe arm");
   run->add_flag("--shield", words.run.shield,
                 "keep all other tasks off the Spine's core while the robot runs (needs root); undone at its end");
@@ -66,8 +71,7 @@ CLI::AsNumberWithUnit seconds() {
 }
 
 void add_units(CLI::App& verb, Context& context) {
-  verb.add_option("--units", context.units, "of angles: deg (default) or rad")
-      ->type_name("UNITS")
+  option(verb, "--units", context.units, "UNITS", "of angles: deg (default) or rad")
       ->check(CLI::IsMember({"deg", "rad"}));
 }
 
@@ -79,11 +83,11 @@ void add_robot(CLI::App& app, CommandLine& words) {
   add_units(*show, words.context);
   CLI::App* live =
       add_verb(app, words, kRobot, "top", "status, live", [](CommandLine& w) { return top(w.context, w.turns); });
-  live->add_option("--turns", words.turns, "end after this many updates")->type_name("N");
+  option(*live, "--turns", words.turns, "N", "end after this many updates");
   add_units(*live, words.context);
   CLI::App* log = add_verb(app, words, kRobot, "events", "what happened",
                            [](CommandLine& w) { return events(w.context, w.since, w.follow); });
-  log->add_option("--since", words.since, "only events after this cursor")->type_name("CURSOR");
+  option(*log, "--since", words.since, "CURSOR", "only events after this cursor");
   log->add_flag("--follow,-f", words.follow, "go on until Ctrl-C");
   CLI::App* incident =
       add_group(app, kRobot, "incident", "telemetry kept around faults, rollbacks and changes of mode");
@@ -93,10 +97,10 @@ void add_robot(CLI::App& app, CommandLine& words) {
                            [](CommandLine& w) { return incident_show(w.context, w.which, w.folder); });
   CLI::App* plot = add_verb(*incident, words, "plot", "draw one of them: setpoint, position and torque of each joint",
                             [](CommandLine& w) { return incident_plot(w.context, w.which, w.folder, w.file); });
-  plot->add_option("--out", words.file, "the picture, .png or .svg (default: beside the incident)")->type_name("FILE");
+  option(*plot, "--out", words.file, "FILE", "the picture, .png or .svg (default: beside the incident)");
   for (CLI::App* each : {one, plot}) each->add_option("WHICH", words.which, "last (default), or a number");
   for (CLI::App* each : {kept, one, plot})
-    each->add_option("--folder", words.folder, "folder of the incidents, instead of the robot's")->type_name("DIR");
+    option(*each, "--folder", words.folder, "DIR", "folder of the incidents, instead of the robot's");
   add_verb(app, words, kRobot, "estop", "stop now, with or without a supervisor; latched",
            [](CommandLine& w) { return estop(w.context); });
   add_command(app, words, kRobot, "stop", "end `lithe run`, like Ctrl-C", "shutdown");
@@ -110,9 +114,7 @@ void add_motion(CLI::App& app, CommandLine& words, const char* name, bool relati
   });
   verb->add_option("JOINT", words.motion.joint, "name of a joint: lithe status")->required();
   verb->add_option("DEG", words.motion.angle_deg, angle)->required();
-  verb->add_option("--in", words.motion.in_s, "duration (default 2s, at most 10s)")
-      ->type_name("TIME")
-      ->transform(seconds());
+  option(*verb, "--in", words.motion.in_s, "TIME", "duration (default 2s, at most 10s)")->transform(seconds());
 }
 
 void add_motions(CLI::App& app, CommandLine& words) {
@@ -157,8 +159,7 @@ void add_swap(CLI::App& app, CommandLine& words) {
   swap->add_flag("--no-promote", words.no_promote, "only compare it with the running law, for the time of --shadow")
       ->needs("--shadow");
   swap->add_option("LAW", words.law, "C++ file, or the name of a law that comes with LITHE")->required();
-  swap->add_option("--param", words.params, "NAME=VALUE, tried with the law, in force on its first tick")
-      ->type_name("NAME=VALUE");
+  option(*swap, "--param", words.params, "NAME=VALUE", "NAME=VALUE, tried with the law, in force on its first tick");
   add_verb(app, words, kLaws, "rollback", "back to the law before this one, with its state",
            [](CommandLine& w) { return rollback(w.context, w.steps); })
       ->add_option("STEPS", words.steps, "number of laws to go back, 1 to 4")
@@ -184,7 +185,7 @@ void add_laws(CLI::App& app, CommandLine& words) {
   CLI::App* verify = add_verb(*law, words, "verify", "verify all certificates against their chain",
                               [](CommandLine& w) { return law_verify(w.context, w.folder); });
   for (CLI::App* each : {show, verify})
-    each->add_option("--folder", words.folder, "folder of the certificates, instead of the robot's")->type_name("DIR");
+    option(*each, "--folder", words.folder, "DIR", "folder of the certificates, instead of the robot's");
 }
 
 void add_params(CLI::App& app, CommandLine& words) {
@@ -206,18 +207,16 @@ void add_params(CLI::App& app, CommandLine& words) {
 // The arguments that choose a bus.
 void add_place(CLI::App& verb, bus::Words& bus) {
   verb.add_option("WHAT", bus.what, "robot file, or a bus: " + bus::bus_forms())->required();
-  verb.add_option("--bus", bus.bus, "this bus of the robot only")->type_name("NAME");
-  verb.add_option("--bitrate", bus.bitrate, "bit rate without a robot file (default 1000000)")->type_name("BIT/S");
-  verb.add_option("--data-bitrate", bus.data_bitrate, "the same, of CAN FD's data; 0 = classic CAN")
-      ->type_name("BIT/S");
+  option(verb, "--bus", bus.bus, "NAME", "this bus of the robot only");
+  option(verb, "--bitrate", bus.bitrate, "BIT/S", "bit rate without a robot file (default 1000000)");
+  option(verb, "--data-bitrate", bus.data_bitrate, "BIT/S", "the same, of CAN FD's data; 0 = classic CAN");
 }
 
 void add_scan(CLI::App& bus, CommandLine& words) {
   CLI::App* scan = add_verb(bus, words, "scan", "scan the buses and compare with the robot file",
                             [](CommandLine& w) { return bus_scan(w.context, w.bus_words, w.scan); });
   add_place(*scan, words.bus_words);
-  scan->add_option("--listen", words.scan.listen_s, "seconds to listen before asking (default 1.1)")
-      ->type_name("S")
+  option(*scan, "--listen", words.scan.listen_s, "S", "seconds to listen before asking (default 1.1)")
       ->check(CLI::Range(0.0, 60.0));
 }
 
@@ -226,12 +225,9 @@ void add_monitor(CLI::App& bus, CommandLine& words) {
                                [](CommandLine& w) { return bus_monitor(w.context, w.bus_words, w.monitor); });
   add_place(*monitor, words.bus_words);
   monitor->add_flag("--raw", words.monitor.raw, "with the bytes");
-  monitor->add_option("--count", words.monitor.count, "end after this many frames")->type_name("N");
-  monitor->add_option("--seconds", words.monitor.seconds, "end after this time")
-      ->type_name("S")
-      ->check(CLI::Range(0.0, 1e9));
-  monitor->add_option("--device", words.monitor.devices, "show only this device, by name or id; can be repeated")
-      ->type_name("NAME")
+  option(*monitor, "--count", words.monitor.count, "N", "end after this many frames");
+  option(*monitor, "--seconds", words.monitor.seconds, "S", "end after this time")->check(CLI::Range(0.0, 1e9));
+  option(*monitor, "--device", words.monitor.devices, "NAME", "show only this device, by name or id; can be repeated")
       ->allow_extra_args(false);
 }
 
@@ -240,12 +236,10 @@ void add_bus(CLI::App& app, CommandLine& words) {
   CLI::App* plan = add_verb(*bus, words, "plan", "whether a robot's buses can carry its traffic",
                             [](CommandLine& w) { return bus_plan(w.context, w.file, w.plan); });
   plan->add_option("ROBOT", words.file, "robot file")->required();
-  plan->add_option("--rate", words.plan.rate_hz, "ticks per second, instead of the file's")
-      ->type_name("HZ")
+  option(*plan, "--rate", words.plan.rate_hz, "HZ", "ticks per second, instead of the file's")
       ->check(CLI::Range(1.0, 100'000.0));
-  plan->add_option("--baud", words.plan.baud,
-                   "of serial adapters; without it: the file's, or 921600 of a UART; USB has none")
-      ->type_name("BAUD")
+  option(*plan, "--baud", words.plan.baud, "BAUD",
+         "of serial adapters; without it: the file's, or 921600 of a UART; USB has none")
       ->check(CLI::Range(1'200, 100'000'000));
   add_scan(*bus, words);
   add_monitor(*bus, words);
@@ -253,8 +247,8 @@ void add_bus(CLI::App& app, CommandLine& words) {
 
 void add_sim(CLI::App& app, CommandLine& words) {
   CLI::App* sim = app.add_subcommand("sim",
-                                     "simulated devices on terminals, for other programs: lithe sim --help; "
-                                     "lithe sim reset: the joints of a simulated robot back to their start");
+                                     "simulated devices on terminals, for other programs: lithe sim --help; lithe sim "
+                                     "reset: the joints of a simulated robot back to their start");
   sim->group(kHardware)->prefix_command()->set_help_flag();  // the rest of the line goes to lithe-sim
   sim->callback([&words, sim] {
     if (sim->remaining() != std::vector<std::string>{"reset"}) simulate(sim->remaining());
@@ -279,25 +273,22 @@ void add_modules(CLI::App& app) {
 void add_doctor(CLI::App& app, CommandLine& words) {
   CLI::App* verb = add_verb(app, words, kMachine, "doctor", "how well the Spine's core is protected; changes nothing",
                             [](CommandLine& w) { return doctor(w.context, w.doctor); });
-  verb->add_option("--cpu", words.doctor.cpu, "judge this core, instead of the one that the Spine would get")
-      ->type_name("N")
+  option(*verb, "--cpu", words.doctor.cpu, "N", "judge this core, instead of the one that the Spine would get")
       ->check(CLI::Range(0, 8191));
-  verb->add_option("--measure", words.doctor.measure_s, "also look for gaps on the core, for so many seconds")
-      ->type_name("SECONDS")
+  option(*verb, "--measure", words.doctor.measure_s, "SECONDS", "also look for gaps on the core, for so many seconds")
       ->check(CLI::Range(0.1, 600.0));
   verb->add_flag("--all", words.doctor.all, "also list what is in order");
   verb->footer("exit code: 0 tier A or B, 1 below, 2 the core cannot be judged or measured; docs/host.md");
 }
 
 void add_root(CLI::App& verb, CommandLine& words) {
-  verb.add_option("--root", words.tune.root, "a mounted image instead of this machine: only its files are planned")
-      ->type_name("DIR");
+  option(verb, "--root", words.tune.root, "DIR", "a mounted image instead of this machine: only its files are planned");
 }
 
 void add_target(CLI::App& verb, CommandLine& words) {
   add_root(verb, words);
-  verb.add_option("--cores", words.tune.cores, "the robot's cores, instead of those that lithe run would take: 1,3")
-      ->type_name("LIST");
+  option(verb, "--cores", words.tune.cores, "LIST",
+         "the robot's cores, instead of those that lithe run would take: 1,3");
   verb.add_option("ROBOT", words.tune.robot, "a robot file: its cores, and rules for the devices of its buses");
   verb.add_flag("--partition", words.tune.partition,
                 "also an isolated partition of cgroup v2; then only root starts a robot on its cores");
@@ -318,7 +309,7 @@ void add_tune(CLI::App& app, CommandLine& words) {
   revert->add_flag("--force", words.tune.force, "forget what somebody else changed: the journal is dropped");
   CLI::App* shield = add_verb(*tune, words, "shield", "run a command while all other tasks keep off the robot's core",
                               [](CommandLine& w) { return tune_shield(w.context, w.tune); });
-  shield->add_option("--cores", words.tune.cores, "the cores to keep free, instead of the Spine's")->type_name("LIST");
+  option(*shield, "--cores", words.tune.cores, "LIST", "the cores to keep free, instead of the Spine's");
   shield->add_flag(
       "--partition", words.tune.partition,
       "in an isolated partition of cgroup v2, where there is one: the command has the robot's cores alone");
@@ -353,7 +344,7 @@ void add_words(CLI::App& app, CommandLine& words) {
   app.require_subcommand(1);
   app.set_version_flag("--version", version_text());
   app.add_flag("--json", words.context.json, "print one JSON document");
-  app.add_option("--robot", words.context.robot, "which robot, when several run")->type_name("NAME");
+  option(app, "--robot", words.context.robot, "NAME", "which robot, when several run");
   app.footer("exit code: 0 done, 1 refused, 2 usage, 3 robot fault");
   add_run(app, words);
   add_robot(app, words);

@@ -2,20 +2,17 @@
 // The e-stop is written straight to shared memory: it works without a supervisor and does not wait for one.
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <chrono>
 #include <exception>
 #include <iostream>
 #include <set>
 #include <thread>
 
-#include "spine/core/host/paths.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/segment.hpp"
 #include "supervisor/cli/core/act.hpp"
-#include "supervisor/cli/core/print.hpp"
-#include "supervisor/cli/core/talk.hpp"
-#include "supervisor/link/client/presence.hpp"
+#include "supervisor/link/client/client.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::cli {
@@ -88,8 +85,7 @@ std::vector<Target> press_all(const Context& context) {
   // Files of a crashed run do not count as robots; a supervisor without segments does.
   const std::vector<std::string> served = control::running_robots();
   std::erase_if(targets, [&served](const Target& each) {
-    return !ipc::Lease::is_held(Spine::path(each.robot)) &&
-           std::find(served.begin(), served.end(), each.robot) == served.end();
+    return !ipc::Lease::is_held(Spine::path(each.robot)) && !contains(served, each.robot);
   });
   for (const std::string& robot : served)
     if (robots.count(robot) == 0)
@@ -98,37 +94,28 @@ std::vector<Target> press_all(const Context& context) {
 }
 
 int report(const Context& context, const std::vector<std::pair<std::string, Answer>>& answers) {
-  Json robots = Json::array();
-  std::vector<std::pair<std::string, Refusal>> failed;
-  for (const auto& [robot, answer] : answers) {
-    if (const auto* refusal = std::get_if<Refusal>(&answer)) {
-      failed.emplace_back(robot, *refusal);
-      robots.push_back({{"robot", robot}, {"error", refusal->to_json()}});
-    } else {
-      robots.push_back(std::get<Json>(answer));
-    }
-  }
   if (answers.size() == 1) {
     return finish(context, value_of(answers.front().second),
                   [](const Json& result) { print_command("estop", result); });
   }
-  if (!context.json) {
-    for (const auto& [robot, answer] : answers) {
-      if (const Json* result = std::get_if<Json>(&answer)) {
-        fmt::print("{}: ", robot);
-        print_command("estop", *result);
-      } else {
-        std::cerr << robot << ": " << std::get<Refusal>(answer).message << '\n';
-      }
+  Json robots = Json::array();
+  std::vector<std::string> failed;
+  for (const auto& [robot, answer] : answers) {
+    if (const auto* refusal = std::get_if<Refusal>(&answer)) {
+      failed.push_back(robot);
+      robots.push_back({{"robot", robot}, {"error", refusal->to_json()}});
+      if (!context.json) std::cerr << robot << ": " << refusal->message << '\n';
+    } else {
+      robots.push_back(std::get<Json>(answer));
+      if (!context.json) fmt::print("{}: ", robot);
+      if (!context.json) print_command("estop", robots.back());
     }
-    std::fflush(stdout);
   }
+  std::fflush(stdout);
   if (!failed.empty()) {
-    std::string names;
-    for (const auto& [robot, refusal] : failed) names += (names.empty() ? "" : ", ") + robot;
     return refuse(context, {"robot_fault",
                             fmt::format("{} of {} robots have not confirmed the e-stop: {}", failed.size(),
-                                        answers.size(), names),
+                                        answers.size(), joined(failed)),
                             "cut their power",
                             {{"robots", robots}}});
   }

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "supervisor/cli/core/act.hpp"
-#include "supervisor/cli/core/talk.hpp"
 #include "supervisor/incident/incidents.hpp"
 
 namespace lithe::cli {

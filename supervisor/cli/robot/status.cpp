@@ -4,14 +4,18 @@
 
 #include <chrono>
 #include <cstdio>
+#include <filesystem>
 #include <iostream>
+#include <set>
+#include <string>
 #include <thread>
 
+#include "spine/core/host/files.hpp"
+#include "spine/core/host/paths.hpp"
 #include "supervisor/cli/core/act.hpp"
-#include "supervisor/cli/core/print.hpp"
-#include "supervisor/cli/core/talk.hpp"
 #include "supervisor/cli/robot/status_text.hpp"
 #include "supervisor/events/event_log.hpp"
+#include "supervisor/link/client/client.hpp"
 
 namespace lithe::cli {
 namespace {
@@ -73,6 +77,95 @@ int top(const Context& context, int turns) {
     std::fflush(stdout);
   }
   return 0;
+}
+
+// `lithe recover`: sends the command, then waits until it has ended.
+
+namespace {
+
+constexpr auto kLookEvery = std::chrono::milliseconds(100);
+
+// The Spine's reason when recover failed.
+std::string last_stop(const Context& context) {
+  const Answer answer = try_ask(context, "events", Json::object());
+  std::string text;
+  if (const Json* result = std::get_if<Json>(&answer)) {
+    for (const Json& event : (*result)["events"])
+      if (event.value("kind", "") == "safe_stop") text = event.value("text", "");
+  }
+  return text;
+}
+
+Refusal why_not(const Context& context, const Json& status) {
+  const std::string mode = status.value("mode", "?"), fault = status.value("fault", "none");
+  if (mode != "safe_stop") {
+    return {"refused_mode", fmt::format("the recovery was ended from elsewhere: the robot is in mode {}", mode),
+            "see how the robot is: lithe status"};
+  }
+  const std::string said = last_stop(context);
+  return {fault, fmt::format("not recovered: {}", said.empty() ? fault : said),
+          fault == "recover_failed" ? "take the load away, move the joint by hand (lithe disarm), or raise "
+                                      "recover_torque_share in [guard]; then again: lithe recover"
+                                    : "find the cause (lithe status), then: lithe reset, then again: lithe recover"};
+}
+
+}  // namespace
+
+int recover(const Context& context) {
+  ask(context, "recover", Json::object());
+  Json status;
+  do {
+    if (!status.is_null()) std::this_thread::sleep_for(kLookEvery);
+    status = ask(context, "status", Json::object());
+    if (status.value("mode", "") != "recover") throw why_not(context, status);
+  } while (status.value("recovering", true));
+  return finish(context, status, [](const Json& now) {
+    fmt::print("every joint is inside its limits and held there (mode {})\nnext: lithe arm, or lithe disarm\n",
+               now.value("mode", "?"));
+  });
+}
+
+// `lithe list`: the robots of this machine, also those whose Spine ticks without a supervisor.
+
+namespace {
+
+std::set<std::string> known_robots() {
+  std::set<std::string> names = control::robots_with_memory();
+  for (const std::filesystem::path& path : files_in(run_dir()))
+    if (path.extension() == ".sock" || path.extension() == ".pid") names.insert(path.stem());
+  return names;
+}
+
+std::string with_pid(const Json& pid, const std::string& what) {
+  return pid.is_number() && pid > 0 ? fmt::format("pid {} {}", pid.get<int>(), what) : what;
+}
+
+void print_list(const Json& list) {
+  if (list["robots"].empty())
+    return fmt::print("no robot runs here (looked in {}); start one: lithe run robots/arm.toml\n", run_dir());
+  fmt::print("{:<14} {:<10} {:<16} {:>10}  {:<24} {}\n", "robot", "mode", "law", "tick", "supervisor", "Spine");
+  for (const Json& each : list["robots"]) {
+    const std::string spine = each["spine_pid"].is_null()
+                                  ? "none"
+                                  : with_pid(each["spine_pid"], each["ticks"].is_null() ? "cannot be read"
+                                                                : each["ticks"] == true ? "ticks"
+                                                                                        : "does not tick");
+    fmt::print("{:<14} {:<10} {:<16} {:>10}  {:<24} {}\n", each["robot"].get<std::string>(),
+               each["mode"].get<std::string>(), each["law"].get<std::string>(), each["tick"].get<std::uint64_t>(),
+               with_pid(each["supervisor_pid"], each["supervisor"].get<std::string>()), spine);
+  }
+}
+
+}  // namespace
+
+int list(const Context& context) {
+  Json robots = Json::array();
+  for (const std::string& name : known_robots()) {
+    if (!context.robot.empty() && name != context.robot) continue;
+    const control::Presence there = control::look_for(name);
+    if (there.is_there()) robots.push_back(control::presence_json(there));
+  }
+  return finish(context, Json{{"robots", robots}}, print_list);
 }
 
 }  // namespace lithe::cli

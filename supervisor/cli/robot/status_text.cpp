@@ -9,7 +9,7 @@
 #include <string_view>
 #include <utility>
 
-#include "supervisor/cli/core/print.hpp"
+#include "supervisor/cli/core/act.hpp"
 
 namespace lithe::cli {
 namespace {

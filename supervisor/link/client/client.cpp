@@ -11,8 +11,8 @@
 #include <cstring>
 #include <filesystem>
 #include <set>
-#include <system_error>
 
+#include "spine/core/host/files.hpp"
 #include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/core/process.hpp"
@@ -139,13 +139,11 @@ bool is_question(const std::string& verb) {
 
 std::vector<std::string> running_robots() {
   std::vector<std::string> names;
-  std::error_code ignored;
-  for (const auto& entry : std::filesystem::directory_iterator(run_dir(), ignored)) {
-    if (entry.path().extension() != ".sock") continue;
-    const auto client = Client::connect(entry.path().string());
-    if (client || Client::is_full(client)) names.push_back(entry.path().stem().string());
+  for (const std::filesystem::path& path : files_in(run_dir())) {
+    if (path.extension() != ".sock") continue;
+    const auto client = Client::connect(path.string());
+    if (client || Client::is_full(client)) names.push_back(path.stem().string());
   }
-  std::sort(names.begin(), names.end());
   return names;
 }
 

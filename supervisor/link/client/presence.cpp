@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/link/client/presence.hpp"
+#include "supervisor/link/client/client.hpp"
 
 #include <fmt/format.h>
 #include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
-#include <system_error>
 #include <utility>
 
+#include "spine/core/host/files.hpp"
 #include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/segment.hpp"
@@ -68,18 +68,14 @@ std::optional<Client> look_at_supervisor(Presence& out) {
   auto client = Client::connect(control_socket_path(out.robot));
   if (client) {
     out.supervisor_pid = client->peer_pid();
-    switch (client->pulse()) {
-      case Client::Pulse::answers:
-        out.supervisor = Supervisor::answers;
-        return std::move(*client);
-      case Client::Pulse::stopped:
-        out.supervisor = Supervisor::stopped;
-        return std::nullopt;
-      case Client::Pulse::silent:
-        out.supervisor = Supervisor::silent;
-        return std::nullopt;
-      case Client::Pulse::gone:
-        break;
+    const Client::Pulse pulse = client->pulse();
+    if (pulse == Client::Pulse::answers) {
+      out.supervisor = Supervisor::answers;
+      return std::move(*client);
+    }
+    if (pulse != Client::Pulse::gone) {
+      out.supervisor = pulse == Client::Pulse::stopped ? Supervisor::stopped : Supervisor::silent;
+      return std::nullopt;
     }
   }
   if (ipc::Lease::is_held(Control::path(out.robot))) {
@@ -191,10 +187,8 @@ std::set<std::string> robots_with_memory() {
   const std::string before = file.substr(0, file.find('*'));
   const std::string after = file.substr(file.find('*') + 1);
   std::set<std::string> robots;
-  std::error_code failure;
-  for (std::filesystem::directory_iterator at(pattern.parent_path(), failure), end; !failure && at != end;
-       at.increment(failure)) {
-    const std::string name = at->path().filename().string();
+  for (const std::filesystem::path& path : files_in(pattern.parent_path())) {
+    const std::string name = path.filename().string();
     if (name.size() > before.size() + after.size() && name.starts_with(before) && name.ends_with(after))
       robots.insert(name.substr(before.size(), name.size() - before.size() - after.size()));
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/link/client/presence.hpp"
+#include "supervisor/link/client/client.hpp"
 
 #include <gtest/gtest.h>
 #include <signal.h>

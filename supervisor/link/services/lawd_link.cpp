@@ -69,9 +69,8 @@ void LawdLink::compile(const LawText& law, Callback callback, std::int64_t now_n
 
 void LawdLink::check(const LawText& law, Callback callback, std::int64_t now_ns) {
   if (idle_waiting() >= kMaxChecks) {
-    callback(Refusal{"busy", fmt::format("{} laws wait already to be checked", idle_waiting()),
-                     "try again when one of them is answered"});
-    return;
+    return callback(Refusal{"busy", fmt::format("{} laws wait already to be checked", idle_waiting()),
+                            "try again when one of them is answered"});
   }
   ask(compile_request(law), Turn::idle, limit_ns_, judged(std::move(callback)), now_ns);
 }

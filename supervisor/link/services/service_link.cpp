@@ -138,11 +138,9 @@ void ServiceLink::on_death(std::string why, std::int64_t now_ns, bool starved) {
   const Callback callback = std::move(active_->callback);
   active_.reset();
   if (starved) {
-    callback(
-        Refusal{starved_, why,
-                "the running law is unchanged; nothing is known against the law: try again when the machine is less "
-                "busy"});
-    return;
+    return callback(Refusal{
+        starved_, why,
+        "the running law is unchanged; nothing is known against the law: try again when the machine is less busy"});
   }
   callback(Refusal{word_ + "_died", fmt::format("the {} died over this law: {}", name_, why),
                    "the running law is unchanged; the service is started again, try once more"});

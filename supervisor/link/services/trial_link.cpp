@@ -38,11 +38,10 @@ Refusal refusal_of(const Json& answer) {
           : unavailable ? "trial_unavailable"
                         : "trial_failed",
           fmt::format("{}: {}", answer.value("section", "?"), reason),
-          starved ? std::string("the running law is unchanged; try again when the machine is less busy")
-          : unavailable
-              ? "the running law is unchanged, and nothing is known against the new one: a trial needs seccomp, "
-                "resource limits and, with [spine] loader = arena, the arena: see docs/swap.md"
-              : "the running law is unchanged; " + hint,
+          starved       ? std::string("the running law is unchanged; try again when the machine is less busy")
+          : unavailable ? "the running law is unchanged, and nothing is known against the new one: a trial needs "
+                          "seccomp, resource limits and, with [spine] loader = arena, the arena: see docs/swap.md"
+                        : "the running law is unchanged; " + hint,
           {{"stage", "trial"}, {"trial", answer}}};
 }
 

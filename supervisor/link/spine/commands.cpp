@@ -298,8 +298,7 @@ Json Commands::result_json(const wire::Telemetry& now) const {
 }
 
 void Commands::serve(std::int64_t now_ns) {
-  wire::Telemetry now{};
-  (void)spine_.latest(now);
+  const wire::Telemetry now = spine_.now();
   // Answers may come out of order, and a callback may send a new command; so each pending command is checked once per
   // turn.
   for (std::size_t left = pending_.size(); left > 0; --left) {

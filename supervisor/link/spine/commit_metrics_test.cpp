@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/link/spine/commit_metrics.hpp"
+#include "supervisor/link/spine/metrics.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/link/spine/control_metrics.hpp"
+#include "supervisor/link/spine/metrics.hpp"
 
 #include <gtest/gtest.h>
 

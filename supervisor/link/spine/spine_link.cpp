@@ -97,6 +97,12 @@ pid_t SpineLink::spine_pid() const {
   return static_cast<pid_t>(ipc::load_word(spine_->header.writer_pid, std::memory_order_relaxed));
 }
 
+wire::Telemetry SpineLink::now() const {
+  wire::Telemetry record{};
+  (void)latest(record);
+  return record;
+}
+
 std::vector<wire::LawInfo> SpineLink::laws() const {
   std::vector<wire::LawInfo> found;
   for (const auto& channel : spine_->law_info) {
@@ -106,7 +112,7 @@ std::vector<wire::LawInfo> SpineLink::laws() const {
       found.push_back(info);
     }
   }
-  std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.law_id < b.law_id; });
+  std::ranges::sort(found, [](const auto& a, const auto& b) { return a.law_id < b.law_id; });
   return found;
 }
 

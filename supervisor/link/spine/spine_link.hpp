@@ -69,6 +69,7 @@ class SpineLink {
   const wire::RobotInfo& info() const { return info_; }
 
   bool latest(wire::Telemetry& out) const { return telemetry_.latest(out); }
+  wire::Telemetry now() const;  // the same; all zero before the first tick
   std::optional<wire::LawInfo> law(std::uint32_t law_id) const;
   std::vector<wire::LawInfo> laws() const;
   std::optional<wire::Params> params() const;

@@ -68,14 +68,12 @@ struct Found {
 
 std::map<std::string, Found> read_files(const fs::path& dir) {
   std::map<std::string, Found> files;
-  std::error_code failure;
-  for (const auto& entry : fs::directory_iterator(dir, failure)) {
-    if (entry.path().extension() == ".json") {
-      const std::string text = read(entry.path());
-      const Json certificate = Json::parse(text, nullptr, false);
-      files[entry.path().filename().string()] = {
-          sha256_hex(text), certificate.is_object() ? certificate.value("previous", Json()) : Json()};
-    }
+  for (const fs::path& path : files_in(dir)) {
+    if (path.extension() != ".json") continue;
+    const std::string text = read(path);
+    const Json certificate = Json::parse(text, nullptr, false);
+    files[path.filename().string()] = {sha256_hex(text),
+                                       certificate.is_object() ? certificate.value("previous", Json()) : Json()};
   }
   return files;
 }
@@ -123,7 +121,7 @@ std::map<std::string, std::vector<Writing>> read_lines(const fs::path& path, Cha
 enum class Fits { no, cut, yes };
 
 Fits fits(const std::string& hash, const std::vector<Writing>& writings, std::size_t known) {
-  const auto since = std::find_if(writings.begin(), writings.end(), [&](const Writing& w) { return w.line > known; });
+  const auto since = std::ranges::find_if(writings, [&](const Writing& w) { return w.line > known; });
   const auto is_it = [&](const Writing& w) { return w.hash == hash; };
   const bool new_then = since == writings.begin() || (since - 1)->line == known;
   const auto oldest = since == writings.begin() ? since : since - 1;
@@ -145,10 +143,10 @@ Result<> RecordBook::open() {
         fmt::format("cannot create {}: {}; free space there or set LITHE_OUT_DIR", dir_.string(), failure.message())};
   }
   int highest = 0;
-  for (const auto& entry : fs::directory_iterator(dir_, failure)) {
-    const int number = leading_number<int>(entry.path().stem().string());
-    if (entry.path().extension() == ".json") highest = std::max(highest, number);
-    if (entry.path().extension() == ".cpp" && number > 0) texts_.insert(number);
+  for (const fs::path& path : files_in(dir_)) {
+    const int number = leading_number<int>(path.stem().string());
+    if (path.extension() == ".json") highest = std::max(highest, number);
+    if (path.extension() == ".cpp" && number > 0) texts_.insert(number);
   }
   next_ = std::max(highest, used_) + 1;
   return find_end();
@@ -286,7 +284,7 @@ void LateRecords::retry(RecordBook& book, std::int64_t now_ns) {
 
 std::size_t LateRecords::waiting() const {
   return static_cast<std::size_t>(
-      std::count_if(late_.begin(), late_.end(), [](const auto& each) { return !each.second.certificate.is_null(); }));
+      std::ranges::count_if(late_, [](const auto& each) { return !each.second.certificate.is_null(); }));
 }
 
 Chain verify_chain(const fs::path& dir) {
@@ -311,7 +309,7 @@ Chain verify_chain(const fs::path& dir) {
       problem("missing", name, writings.back().line, "is missing");
     else if (how == Fits::no)
       problem("changed", name, writings.back().line, "is not what was written last");
-    else if (std::none_of(writings.begin(), writings.end(), carries))
+    else if (std::ranges::none_of(writings, carries))
       problem("order", name, writings.front().line, "does not carry the hash of what came before it");
   }
   return chain;

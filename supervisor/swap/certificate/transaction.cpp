@@ -87,8 +87,8 @@ SwapTerms terms_of(const robot::RobotConfig& robot, double rate_hz) {
 }
 
 bool is_term(const std::string& argument) {
-  return argument == kPromote || std::any_of(std::begin(kArguments), std::end(kArguments),
-                                             [&](const Argument& each) { return argument == each.name; });
+  return argument == kPromote ||
+         std::ranges::any_of(kArguments, [&](const Argument& each) { return argument == each.name; });
 }
 
 std::variant<SwapTerms, Refusal> read_terms(const Json& args, const SwapTerms& robot, double rate_hz) {
@@ -205,7 +205,7 @@ void Transaction::reopen() {
 bool Transaction::outcome_is_known() const { return !given_up_ || !reached(Stage::tried); }
 
 std::int64_t Transaction::time_of(Stage stage) const {
-  const auto found = std::find_if(steps_.begin(), steps_.end(), [&](const Step& each) { return each.stage == stage; });
+  const auto found = std::ranges::find_if(steps_, [&](const Step& each) { return each.stage == stage; });
   return found == steps_.end() ? 0 : found->t_ns;
 }
 

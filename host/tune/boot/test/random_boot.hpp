@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "host/tune/boot/line.hpp"
+#include "host/tune/boot/edit.hpp"
 
 namespace lithe::host::random_boot {
 
