@@ -20,6 +20,7 @@
 #include "spine/robot/read/report.hpp"
 #include "spine/robot/robot.hpp"
 #include "supervisor/cli/core/act.hpp"
+#include "supervisor/cli/robot/motion.hpp"
 #include "supervisor/link/client/client.hpp"
 #include "supervisor/link/spine/commands.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
