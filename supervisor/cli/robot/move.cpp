@@ -31,6 +31,7 @@ namespace {
 using Spine = ipc::Segment<ipc::SpineMemory>;
 using Brain = ipc::Segment<ipc::BrainMemory>;
 
+constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 constexpr auto kLookEvery = std::chrono::milliseconds(5);  // and a heartbeat each time
 constexpr std::int64_t kSettleNs = kNsPerS;
 
@@ -141,7 +142,6 @@ namespace {
 
 using control::Refusal;
 
-constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 constexpr double kLeastS = 0.1, kMostS = 10.0;  // spine/plan/check.hpp: no waypoint is further away
 constexpr double kFastest = 1.5;                // of the mean speed of a cubic from rest to rest
 
