@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/hal/core/planned_frame.hpp"
+#include "spine/hal/core/bus_tools.hpp"
 #include "spine/robot/config.hpp"
 
 namespace lithe::bus {
