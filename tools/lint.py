@@ -94,7 +94,7 @@ def check_words(path: str, text: str) -> Iterator[str]:
     """Words that the glossary replaces, in names, comments and pages. Old decisions keep theirs."""
     if GENERATED.search(path) or KEEP_THEIR_WORDS.search(path):
         return
-    rules = [rule for rule in FORBIDDEN if re.search(rule[2], path)]
+    rules = [rule for rule in FORBIDDEN if re.search(rule[2], path) and re.search(rule[0], text, re.IGNORECASE)]
     for number, line in enumerate(text.splitlines(), 1):
         for words, instead, _, right in rules:
             said = re.sub(right, "", line) if right else line

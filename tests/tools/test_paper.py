@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/paper.md and the numbers of docs/rt.md name what exists, and a page that does not is found."""
 
+import subprocess
 from pathlib import Path
 
 import paper
@@ -133,6 +134,7 @@ def test_a_page_without_the_table_is_found() -> None:
 def test_a_path_that_a_page_names_and_the_tree_lacks_is_found(tmp_path: Path) -> None:
     (tmp_path / "spine/loop").mkdir(parents=True)
     (tmp_path / "spine/loop/tick.cpp").write_text("")
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
     page = Path("ARCHITECTURE.md")
     there = "`spine/loop/tick.cpp`, `spine/loop/`, `spine/*/tick.cpp`, `out/x`"
     assert paper.path_troubles(page, there, tmp_path) == []
