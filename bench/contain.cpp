@@ -19,7 +19,7 @@
 #include "bench/rig/samples.hpp"
 #include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/memory/protected_memory.hpp"
-#include "spine/contain/test/bad_laws.hpp"
+#include "spine/contain/test/bad_laws_rig.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/host/realtime.hpp"
 #include "spine/core/time.hpp"

@@ -25,7 +25,7 @@ int main(int argc, char** argv) {
         << " [SECONDS]   (that the compiler may take, 1 to 600; JSON lines on stdin and stdout; see lawd/README.md)\n";
     return 2;
   }
-  lithe::lawd::be_patient(compile_s / kUsualS);
+  lithe::lawd::set_time_factor(compile_s / kUsualS);
   signal(SIGPIPE, SIG_IGN);
   signal(SIGINT, SIG_IGN);  // on Ctrl-C the supervisor closes our stdin
 

@@ -232,7 +232,7 @@ json Service::run_compiler(const Job& job, const std::string& file, const std::s
         fmt::format(
             "the compiler had {:.1f} s of the processor in {:.1f} s (it may have {:.0f} s: swap.compile_s of the robot "
             "file) and was not done: make the law smaller, with fewer templates and constant expressions",
-            outcome.cpu_ms * 1e-3, outcome.wall_ms * 1e-3, patience() * compiler_.cpu_s));
+            outcome.cpu_ms * 1e-3, outcome.wall_ms * 1e-3, time_factor() * compiler_.cpu_s));
   }
   if (!outcome.clean() && memory_is_full(outcome.output)) {
     return refuse_whole("compile", job.name,

@@ -19,7 +19,7 @@
 #include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/test/lawd_rig.hpp"
-#include "spine/core/test/emulation.hpp"
+#include "spine/core/test/emulation_rig.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -183,10 +183,10 @@ TEST_F(ServiceTest, ALoopThatABusyMachineBreaksOffByTheClockHasItsLineToo) {
       {"verb", "compile"}, {"source", law.source()}, {"name", "l.cpp"}, {"joints", 2}, {"dry_run", false}};
   const json made = ask(service_, request);
   ASSERT_TRUE(made["ok"]) << made;
-  be_patient(0.05);  // half a second, and one of the processor
+  set_time_factor(0.05);  // half a second, and one of the processor
   DryRun tried = dry_run(made["object"], 2);
   for (int i = 0; i < 20 && tried.starved; ++i) tried = dry_run(made["object"], 2);
-  be_patient(1);
+  set_time_factor(1);
   EXPECT_NE(tried.reason.find("did not return"), std::string::npos) << tried.reason;
   EXPECT_GT(tried.pc_offset, 0U);
 }
@@ -333,9 +333,9 @@ TEST(Service, CompilerWithoutProcessorTimeIsNotTheLawsFault) {
 
 TEST(Service, CompilerThatUsedItsProcessorTimeIs) {
   FakeCompiler works("while :; do :; done", {.wall_ms = 2'000'000, .cpu_s = 20});
-  be_patient(0.05);
+  set_time_factor(0.05);
   const json reply = works.compile_a_law();
-  be_patient(1);
+  set_time_factor(1);
   EXPECT_FALSE(reply["ok"]) << reply;
   EXPECT_FALSE(reply.value("starved", false)) << reply;
   EXPECT_NE(reply["text"].get<std::string>().find("it may have 1 s: swap.compile_s"), std::string::npos) << reply;

@@ -361,7 +361,7 @@ active proctype Loader() {
     fi;
     if /* receive() */
     :: goto next
-    :: /* stage(): free_place(), prepare() */
+    :: /* stage(): free_resident(), prepare() */
       place = 1;
       do
       :: place <= PLACES && used[place] -> place++

@@ -275,10 +275,10 @@ void look_after(hal::Actuators& actuators, const sigset_t& signals) {
   std::string told;
   while (sigtimedwait(&signals, nullptr, &kEvery) < 0) {
     actuators.service();
-    const std::string trouble = actuators.why_not_ready();
-    if (trouble != told)
-      fmt::print(stderr, "lithe-spine: {}\n", trouble.empty() ? "all buses and drives are well" : trouble);
-    told = trouble;
+    const std::string problem = actuators.why_not_ready();
+    if (problem != told)
+      fmt::print(stderr, "lithe-spine: {}\n", problem.empty() ? "all buses and drives are well" : problem);
+    told = problem;
   }
 }
 

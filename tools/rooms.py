@@ -17,7 +17,7 @@ WAY_PAGE = "supervisor/README.md"
 WAY = "From text to tick"
 ON_THE_WAY = """
     Server::read_from Verbs::handle Swaps::submit Swaps::swap_law Sequence::Until::await_suspend
-    Transaction::mark_committed ServiceLink::ask LawdLink::compile Placement::place TrialLink::attempt Service::compile
+    SwapState::mark_committed ServiceLink::ask LawdLink::compile Placement::place TrialLink::attempt Service::compile
     Placer::place Zygote::attempt run_trial SpineLink Swaps::hear Loader::stage ArenaStore::load Rehearsal::prepare
     Slot Spine::tick ControlStep::run Laws::swap
 """

@@ -52,7 +52,7 @@ int main(int argc, char** argv) {
   }
   auto zygote = Zygote::make(argv[1], lithe::arena::kHandedFd);
   if (!zygote) return fail(zygote.message());
-  if (const auto walled = zygote->wall_in(); !walled)
-    std::cerr << walled.message() << "; every trial asks for a filter of its own\n";
+  if (const auto filtered = zygote->install_filter(); !filtered)
+    std::cerr << filtered.message() << "; every trial asks for a filter of its own\n";
   return serve(*zygote);
 }

@@ -8,7 +8,7 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "spine/core/test/emulation.hpp"
+#include "spine/core/test/emulation_rig.hpp"
 #include "trial/sandbox/sandbox.hpp"
 #include "trial/sections/law_harness.hpp"
 

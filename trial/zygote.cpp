@@ -93,11 +93,11 @@ Result<Zygote> Zygote::make(const std::string& robot_path, int arena_fd) {
   return Zygote(std::move(setup), std::move(arena_text), std::move(*safe_law));
 }
 
-Result<> Zygote::wall_in() {
+Result<> Zygote::install_filter() {
   if (kSanitized) return done();
-  const Result<> walled = allow_trials_only();
-  setup_.walled = static_cast<bool>(walled);
-  return walled;
+  const Result<> filtered = allow_trials_only();
+  setup_.filtered = static_cast<bool>(filtered);
+  return filtered;
 }
 
 json Zygote::answer(const std::string& line, bool& quit) {

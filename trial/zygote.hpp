@@ -27,7 +27,7 @@ class Zygote {
   // Drops all system calls that no trial needs, for this process and its children (allow_trials_only). A child then
   // needs no filter of its own.
   // Contract: once, in a process that does nothing else
-  Result<> wall_in();
+  Result<> install_filter();
 
   // One request line, one answer. `quit` is set by the verb quit. See trial/README.md.
   nlohmann::json answer(const std::string& line, bool& quit);

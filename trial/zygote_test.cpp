@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "spine/arena/arena.hpp"
-#include "spine/core/test/emulation.hpp"
+#include "spine/core/test/emulation_rig.hpp"
 #include "trial/sections/law_harness.hpp"
 #include "trial/verdict.hpp"
 
@@ -253,7 +253,7 @@ TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
 // Ends the process that it runs in, with the answer to `request` on stderr.
 [[noreturn]] void answer_walled(json request, int memory_fd) {
   auto zygote = Zygote::make(LITHE_ROBOTS "/arm.toml", memory_fd);
-  if (!zygote || !zygote->wall_in()) _exit(77);
+  if (!zygote || !zygote->install_filter()) _exit(77);
   if (open("/tmp/lithe-must-not-be", O_WRONLY | O_CREAT, 0600) >= 0 || socket(AF_UNIX, SOCK_STREAM, 0) >= 0) _exit(78);
   execl("/bin/sh", "sh", "-c", "exit 79", nullptr);  // returns: there is no other program
   request["box_ms"] = 1000;

@@ -100,7 +100,7 @@ void SpineRig::offer_copy() {
   law::reset_resident(copy, lithe_law);
   copy.law_id = static_cast<std::uint32_t>(swaps_.load()) + 1;
   for (const law::Resident& peer : *laws_)
-    if (&peer != &copy && peer.law_id != 0) law::build_bridge(copy, peer);
+    if (&peer != &copy && peer.law_id != 0) law::plan_migrations(copy, peer);
   if (!slot_.offer(&copy)) {
     copy.law_id = 0;  // the tick has not taken the one before
     return;

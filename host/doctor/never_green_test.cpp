@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "host/doctor/diagnosis.hpp"
-#include "host/test/machines.hpp"
+#include "host/test/machines_rig.hpp"
 
 namespace lithe::host {
 namespace {

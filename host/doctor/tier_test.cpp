@@ -6,7 +6,7 @@
 #include <string>
 
 #include "host/doctor/diagnosis.hpp"
-#include "host/test/machines.hpp"
+#include "host/test/machines_rig.hpp"
 
 namespace lithe::host {
 namespace {

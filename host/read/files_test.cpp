@@ -5,7 +5,7 @@
 
 #include <cerrno>
 
-#include "host/test/fake_root.hpp"
+#include "host/test/root_rig.hpp"
 
 namespace lithe::host {
 namespace {

@@ -7,7 +7,7 @@
 #include "host/read/machine.hpp"
 #include "host/read/tasks.hpp"
 #include "host/read/words.hpp"
-#include "host/test/machines.hpp"
+#include "host/test/machines_rig.hpp"
 #include "spine/core/host/cores.hpp"
 
 namespace lithe::host {

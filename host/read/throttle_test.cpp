@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "host/test/fake_root.hpp"
+#include "host/test/root_rig.hpp"
 
 namespace lithe::host {
 namespace {

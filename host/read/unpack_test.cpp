@@ -7,7 +7,7 @@
 #include <fstream>
 #include <iterator>
 
-#include "host/test/fake_root.hpp"
+#include "host/test/root_rig.hpp"
 
 namespace lithe::host {
 namespace {

@@ -5,7 +5,7 @@
 
 #include <filesystem>
 
-#include "host/test/fake_machine.hpp"
+#include "host/test/machine_rig.hpp"
 
 namespace lithe::host {
 namespace {

@@ -13,7 +13,7 @@
 #include <filesystem>
 #include <functional>
 
-#include "host/test/fake_machine.hpp"
+#include "host/test/machine_rig.hpp"
 
 namespace lithe::host {
 namespace {
@@ -78,7 +78,7 @@ TEST_F(TuneTest, ASecondApplyChangesNothingAndKeepsTheFirstValue) {
   const Content tuned = content_of(root_);
   EXPECT_TRUE(apply().empty());
   EXPECT_EQ(content_of(root_), tuned);
-  root_.write("/proc/sys/vm/stat_interval", "3\n");  // and somebody else meddles in between
+  root_.write("/proc/sys/vm/stat_interval", "3\n");  // and somebody else changes it in between
   EXPECT_EQ(apply().size(), 1u);
   revert();
   EXPECT_EQ(text("/proc/sys/vm/stat_interval"), "1");

@@ -22,7 +22,7 @@ void limit(__rlimit_resource resource, std::size_t amount) {
   setrlimit(resource, &value);
 }
 
-double g_patience = 1;
+double g_time_factor = 1;
 
 // In the child.
 void set_limits(const Limits& limits) {
@@ -42,13 +42,13 @@ void set_limits(const Limits& limits) {
 
 }  // namespace
 
-void be_patient(double factor) { g_patience = factor; }
-double patience() { return g_patience; }
+void set_time_factor(double factor) { g_time_factor = factor; }
+double time_factor() { return g_time_factor; }
 
 Outcome run_child(const std::function<int(int)>& body, const Limits& asked) {
   Limits limits = asked;
-  limits.wall_ms = static_cast<int>(g_patience * asked.wall_ms);
-  limits.cpu_s = std::max(1, static_cast<int>(g_patience * asked.cpu_s));
+  limits.wall_ms = static_cast<int>(g_time_factor * asked.wall_ms);
+  limits.cpu_s = std::max(1, static_cast<int>(g_time_factor * asked.cpu_s));
   const auto limited = [&](int out_fd) {
     set_limits(limits);
     return body(out_fd);

@@ -12,8 +12,8 @@
 namespace lithe::lawd {
 
 // Multiplies the time limits of all later children: for a processor that is slow. Call before the first one.
-void be_patient(double factor);
-double patience();
+void set_time_factor(double factor);
+double time_factor();
 
 struct Limits {
   int wall_ms = 20'000;

@@ -18,7 +18,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/core/test/emulation.hpp"
+#include "spine/core/test/emulation_rig.hpp"
 
 namespace lithe::arena {
 namespace {

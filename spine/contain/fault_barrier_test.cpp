@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "spine/contain/environment.hpp"
-#include "spine/contain/test/bad_laws.hpp"
+#include "spine/contain/test/bad_laws_rig.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 #include "spine/core/serialise.hpp"
 

@@ -4,7 +4,7 @@
 #include <array>
 #include <cstdint>
 
-#include "spine/contain/test/bad_laws.hpp"
+#include "spine/contain/test/bad_laws_rig.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 
 namespace lithe::contain {

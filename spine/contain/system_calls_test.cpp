@@ -15,7 +15,7 @@
 #include "spine/contain/core.hpp"
 #include "spine/contain/fault_barrier.hpp"
 #include "spine/contain/memory/protected_memory.hpp"
-#include "spine/contain/test/bad_laws.hpp"
+#include "spine/contain/test/bad_laws_rig.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 #include "spine/contain/watchdog.hpp"
 #include "spine/core/time.hpp"

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "spine/contain/core.hpp"
-#include "spine/contain/test/bad_laws.hpp"
+#include "spine/contain/test/bad_laws_rig.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 #include "spine/core/time.hpp"
 
@@ -179,7 +179,7 @@ TEST_F(WatchdogTest, SomebodyElsesSignalBreaksNothingOff) {
   EXPECT_EQ(barrier.late_signals(), 1u);
 }
 
-// --- two troubles at once ---
+// --- two faults at once ---
 
 // Dies at its deadline, when the Watchdog's signal comes, too.
 void die_at(void* at_ns) {

@@ -14,7 +14,7 @@
 #include "spine/core/host/realtime.hpp"
 #include "spine/core/lookup.hpp"
 #include "spine/core/result.hpp"
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe {

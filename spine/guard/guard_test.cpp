@@ -7,7 +7,7 @@
 #include <cmath>
 #include <limits>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/guard/test/guard_rig.hpp"
 
 namespace lithe::guard {

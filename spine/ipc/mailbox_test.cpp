@@ -8,7 +8,7 @@
 #include <random>
 #include <thread>
 
-#include "spine/ipc/test/halfway.hpp"
+#include "spine/ipc/test/halfway_rig.hpp"
 
 namespace lithe::ipc {
 namespace {

@@ -17,7 +17,7 @@
 #include <string>
 #include <thread>
 
-#include "spine/ipc/test/halfway.hpp"
+#include "spine/ipc/test/halfway_rig.hpp"
 
 namespace lithe::ipc {
 namespace {

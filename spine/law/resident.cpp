@@ -97,11 +97,11 @@ void reset_resident(Resident& resident, const LitheLaw& descriptor) {
   if (descriptor.state_size > 0) std::memcpy(resident.state.data(), descriptor.state_defaults, descriptor.state_size);
 }
 
-void build_bridge(Resident& resident, const Resident& peer) {
-  Bridge& bridge = resident.bridges[peer.index % kResidents];
-  bridge.peer_id = peer.law_id;
-  bridge.in = plan_migration(*peer.descriptor, *resident.descriptor);
-  bridge.out = plan_migration(*resident.descriptor, *peer.descriptor);
+void plan_migrations(Resident& resident, const Resident& peer) {
+  Migrations& planned = resident.migrations[peer.index % kResidents];
+  planned.peer_id = peer.law_id;
+  planned.in = plan_migration(*peer.descriptor, *resident.descriptor);
+  planned.out = plan_migration(*resident.descriptor, *peer.descriptor);
 }
 
 }  // namespace lithe::law

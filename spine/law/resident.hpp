@@ -17,7 +17,7 @@ namespace lithe::law {
 inline constexpr std::uint32_t kResidents = 8;
 
 // State migration between this law and one other law, in both directions, planned before the swap.
-struct Bridge {
+struct Migrations {
   std::uint32_t peer_id = 0;  // 0 = none
   Migration in;               // the peer's state into this law's, at commit
   Migration out;              // this law's state into the peer's, at rollback
@@ -50,7 +50,7 @@ struct Resident {
   std::array<Param, kMaxParams> params{};
   std::array<double, kMaxParams> params_before{};   // the values before the last change, for a revert
   std::array<double, kMaxParams> params_trusted{};  // the last confirmed values
-  std::array<Bridge, kResidents> bridges{};         // by the peer's index: any of them may be active at the commit
+  std::array<Migrations, kResidents> migrations{};  // by the peer's index: any of them may be active at the commit
   alignas(64) std::array<std::byte, kMaxStateBytes> state{};
 
   // Clears `effort`, then runs the law once.
@@ -84,19 +84,19 @@ struct Resident {
     for (std::uint32_t i = 0; i < kMaxParams; ++i) params[i].value = params_before[i] = params_trusted[i];
   }
 
-  const Bridge* bridge_from(const Resident& peer) const LITHE_RT {
-    const Bridge& bridge = bridges[peer.index % kResidents];
-    return peer.law_id != 0 && bridge.peer_id == peer.law_id ? &bridge : nullptr;
+  const Migrations* migrations_from(const Resident& peer) const LITHE_RT {
+    const Migrations& planned = migrations[peer.index % kResidents];
+    return peer.law_id != 0 && planned.peer_id == peer.law_id ? &planned : nullptr;
   }
 };
 
-// Makes `resident` a fresh copy of its law: default state, default params, no bridges.
+// Makes `resident` a fresh copy of its law: default state, default params, no migrations.
 // Contract: off the tick · allocates nothing · `descriptor` must have passed check_law.
 void reset_resident(Resident& resident, const LitheLaw& descriptor);
 
 // Plans the state migration from `peer` to `resident` and back.
 // Contract: off the tick.
-void build_bridge(Resident& resident, const Resident& peer);
+void plan_migrations(Resident& resident, const Resident& peer);
 
 // Why a descriptor read from an object is invalid; nullptr = valid. A general static text; describe_mismatch gives the
 // numbers.

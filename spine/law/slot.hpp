@@ -50,10 +50,10 @@ class Slot {
 
   // A Resident that the tick has retired; nullptr = none. The Loader owns it again.
   Resident* collect_retired() LITHE_RT {
-    for (auto& place : retired_) {
-      if (place.load(std::memory_order_relaxed) == nullptr) continue;  // only a hint; the exchange decides
+    for (auto& entry : retired_) {
+      if (entry.load(std::memory_order_relaxed) == nullptr) continue;  // only a hint; the exchange decides
       // acquire: partner of the release in retire(); the tick's last use of *resident happened before.
-      return place.exchange(nullptr, std::memory_order_acquire);
+      return entry.exchange(nullptr, std::memory_order_acquire);
     }
     return nullptr;
   }
@@ -90,12 +90,12 @@ class Slot {
     return done;
   }
 
-  // The active law's state into a candidate that follows it. Without a bridge it starts from its defaults.
+  // The active law's state into a candidate that follows it. Without a migration it starts from its defaults.
   void carry_into(Resident& candidate, Commit& done) LITHE_RT {
-    const Bridge* bridge = active_ == nullptr ? nullptr : candidate.bridge_from(*active_);
-    if (bridge == nullptr) return;
-    done.not_carried = apply_migration(bridge->in, active_->state.data(), candidate.state.data());
-    done.fields_carried = bridge->in.count - static_cast<std::uint32_t>(std::popcount(done.not_carried));
+    const Migrations* planned = active_ == nullptr ? nullptr : candidate.migrations_from(*active_);
+    if (planned == nullptr) return;
+    done.not_carried = apply_migration(planned->in, active_->state.data(), candidate.state.data());
+    done.fields_carried = planned->in.count - static_cast<std::uint32_t>(std::popcount(done.not_carried));
   }
 
   // Refuses a candidate that was taken: the Loader gets it back.
@@ -115,8 +115,8 @@ class Slot {
     Resident* target = before(n);
     if (target == nullptr) return false;
     FieldBits bits = 0;
-    if (const Bridge* bridge = active_->bridge_from(*target); bridge != nullptr && carry == Carry::named)
-      bits = apply_migration(bridge->out, active_->state.data(), target->state.data());
+    if (const Migrations* planned = active_->migrations_from(*target); planned != nullptr && carry == Carry::named)
+      bits = apply_migration(planned->out, active_->state.data(), target->state.data());
     bits |= mend_state(*target->descriptor, target->state.data());
     if (mended != nullptr) *mended = bits;
     retire(active_);
@@ -130,7 +130,7 @@ class Slot {
  private:
   void retire(Resident* resident) LITHE_RT {
     if (resident == nullptr) return;
-    // release: partner of the acquire in collect_retired(). The place is free: a Resident has one index, one owner.
+    // release: partner of the acquire in collect_retired(). The entry is free: a Resident has one index, one owner.
     retired_[resident->index % kResidents].store(resident, std::memory_order_release);
   }
 

@@ -68,7 +68,7 @@ TEST(Slot, CommitCarriesState) {
   EXPECT_FALSE(slot.offer(&b)) << "one candidate at a time";
   EXPECT_EQ(slot.try_commit()->previous_id, 0u);
   step(slot);
-  build_bridge(b, a);
+  plan_migrations(b, a);
   ASSERT_TRUE(slot.offer(&b));
   EXPECT_EQ(slot.try_commit()->fields_carried, 1u);
   EXPECT_EQ(state_of<Counting::State>(b).words[63], 1u);
@@ -100,7 +100,7 @@ TEST(Slot, AFieldThatIsNoNumberIsNotCarriedAndIsNamed) {
     slot.offer(&a);
     slot.try_commit();
     poison(a, bad);
-    build_bridge(b, a);
+    plan_migrations(b, a);
     slot.offer(&b);
     const auto done = slot.try_commit();
     EXPECT_EQ(done->not_carried & 1u, 1u);
@@ -118,7 +118,7 @@ TEST(Slot, ALawThatComesBackStartsAPoisonedFieldFromItsDefault) {
     slot.offer(&a);
     slot.try_commit();
     poison(a, std::nan(""));  // not visible in its output
-    build_bridge(b, a);
+    plan_migrations(b, a);
     slot.offer(&b);
     slot.try_commit();
     poison(b, std::nan(""));
@@ -154,7 +154,7 @@ TEST(Slot, RollbackByThreePassesOverTwoAndRetiresThem) {
   std::array<Resident, 4> laws;
   for (std::uint32_t i = 0; i < laws.size(); ++i) {
     laws[i] = make(kCounting, i, i + 1);
-    for (std::uint32_t k = 0; k < i; ++k) build_bridge(laws[i], laws[k]);
+    for (std::uint32_t k = 0; k < i; ++k) plan_migrations(laws[i], laws[k]);
     ASSERT_TRUE(slot.offer(&laws[i]));
     slot.try_commit();
     step(slot);
@@ -186,7 +186,7 @@ TEST(Slot, RollbackCarriesNamedStateBackOnlyFromATrustedLaw) {
   for (const Carry carry : {Carry::named, Carry::none}) {
     Slot slot;
     Resident a = make(kCounting, 0, 1), b = make(kCounting, 1, 2);
-    build_bridge(b, a);
+    plan_migrations(b, a);
     slot.offer(&a);
     slot.try_commit();
     step(slot);
@@ -201,7 +201,7 @@ TEST(Slot, RollbackCarriesNamedStateBackOnlyFromATrustedLaw) {
   }
 }
 
-TEST(Slot, CandidateStagedBeforeARollbackStillFindsItsBridge) {
+TEST(Slot, CandidateStagedBeforeARollbackStillFindsItsMigration) {
   Slot slot;
   Resident a = make(kCounting, 0, 1), b = make(kStateless, 1, 2), c = make(kCounting, 2, 3);
   slot.offer(&a);
@@ -209,8 +209,8 @@ TEST(Slot, CandidateStagedBeforeARollbackStillFindsItsBridge) {
   step(slot);
   slot.offer(&b);
   slot.try_commit();
-  build_bridge(c, b);
-  build_bridge(c, a);
+  plan_migrations(c, b);
+  plan_migrations(c, a);
   slot.offer(&c);
   ASSERT_TRUE(slot.rollback());
   EXPECT_EQ(slot.try_commit()->previous_id, 1u);
@@ -249,7 +249,7 @@ void run_loader(AnySlot& slot, std::array<Resident, kResidents>& house, std::uin
     r->law_id = law_id + 1;
     r->params[0].value = law_id + 1;
     for (const Resident& peer : house)
-      if (std::find(free.begin(), free.end(), &peer) == free.end()) build_bridge(*r, peer);
+      if (std::find(free.begin(), free.end(), &peer) == free.end()) plan_migrations(*r, peer);
     if (!slot.offer(r)) {
       std::this_thread::yield();
       continue;

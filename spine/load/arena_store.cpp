@@ -43,13 +43,13 @@ bool ArenaStore::in_use(std::uint32_t slot) const {
   return std::find(slots_.begin(), slots_.end(), slot) != slots_.end();
 }
 
-StageResult ArenaStore::load(std::uint32_t place, const wire::StageRequest& request, const LitheLaw*& law,
+StageResult ArenaStore::load(std::uint32_t index, const wire::StageRequest& request, const LitheLaw*& law,
                              std::span<char> why) {
   const auto refuse = [&](StageResult result, const char* words) {
     std::snprintf(why.data(), why.size(), "arena slot %u: %s", request.slot, words);
     return result;
   };
-  if (place >= slots_.size() || slots_[place] != 0) return refuse(StageResult::slots_full, "no free place for a law");
+  if (index >= slots_.size() || slots_[index] != 0) return refuse(StageResult::slots_full, "no room for another law");
   if (!arena::is_slot(request.slot)) return refuse(StageResult::hostile, "there is no such slot");
   if (in_use(request.slot)) return refuse(StageResult::hostile, "another law in memory has its code there");
   const Range image{arena::slot_address(request.slot), request.code_bytes};
@@ -66,12 +66,12 @@ StageResult ArenaStore::load(std::uint32_t place, const wire::StageRequest& requ
   // An invalid descriptor is refused by the Loader with more detail; its pointers are not checked here.
   const char* reason = law::check_law(*law) == nullptr ? check_pointers(*law, image) : nullptr;
   if (reason != nullptr) return refuse(StageResult::hostile, reason);
-  slots_[place] = request.slot;
+  slots_[index] = request.slot;
   return StageResult::staged;
 }
 
-void ArenaStore::unload(std::uint32_t place) {
-  if (place < slots_.size()) slots_[place] = 0;
+void ArenaStore::unload(std::uint32_t index) {
+  if (index < slots_.size()) slots_[index] = 0;
 }
 
 }  // namespace lithe::load

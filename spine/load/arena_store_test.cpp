@@ -202,7 +202,7 @@ TEST_F(ArenaStoreTest, WithoutAnArenaARequestForASlotIsRefused) {
   EXPECT_EQ(plain.stage(place(1), 1), StageResult::load_failed);
 }
 
-// Sixteen slots, eight places: as the supervisor chooses them.
+// Sixteen slots, eight residents: as the supervisor chooses them.
 TEST_F(ArenaStoreTest, ThousandPlacementsReuseTheSlotsAndKeepMemoryFlat) {
 #if defined(__SANITIZE_ADDRESS__)
   GTEST_SKIP() << "the sanitizer keeps freed memory";

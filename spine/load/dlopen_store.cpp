@@ -83,26 +83,26 @@ const char* check_object(const char* path) {
 }
 
 DlopenStore::~DlopenStore() {
-  for (std::uint32_t place = 0; place < handles_.size(); ++place) unload(place);
+  for (std::uint32_t index = 0; index < handles_.size(); ++index) unload(index);
 }
 
-wire::StageResult DlopenStore::load(std::uint32_t place, const wire::StageRequest& request, const LitheLaw*& law,
+wire::StageResult DlopenStore::load(std::uint32_t index, const wire::StageRequest& request, const LitheLaw*& law,
                                     std::span<char> why) {
   const auto& path = request.path;
   if (path[0] != '/' || std::memchr(path.data(), '\0', path.size()) == nullptr) {
     std::snprintf(why.data(), why.size(), "the path in the request is not an absolute, zero-terminated path");
     return wire::StageResult::hostile;
   }
-  law = open(place, path.data(), why);
+  law = open(index, path.data(), why);
   return law == nullptr ? wire::StageResult::load_failed : wire::StageResult::staged;
 }
 
-const LitheLaw* DlopenStore::open(std::uint32_t place, const char* path, std::span<char> why) {
+const LitheLaw* DlopenStore::open(std::uint32_t index, const char* path, std::span<char> why) {
   const auto refuse = [why](const char* what, const char* colon = "", const char* about = "") {
     std::snprintf(why.data(), why.size(), "%s%s%s", what, colon, about);
     return nullptr;
   };
-  if (place >= handles_.size() || handles_[place] != nullptr) return refuse("no free place for another law");
+  if (index >= handles_.size() || handles_[index] != nullptr) return refuse("no room for another law");
   if (const char* reason = check_object(path)) return refuse(reason, ": ", path);
   void* handle = dlopen(path, RTLD_NOW | RTLD_LOCAL);
   const char* words = handle == nullptr ? dlerror() : nullptr;
@@ -113,14 +113,14 @@ const LitheLaw* DlopenStore::open(std::uint32_t place, const char* path, std::sp
     return refuse("it exports no symbol lithe_law: end the law with LITHE_LAW(Type, \"name\")");
   }
   touch_pages(law);
-  handles_[place] = handle;
+  handles_[index] = handle;
   return law;
 }
 
-void DlopenStore::unload(std::uint32_t place) {
-  if (place >= handles_.size() || handles_[place] == nullptr) return;
-  dlclose(handles_[place]);
-  handles_[place] = nullptr;
+void DlopenStore::unload(std::uint32_t index) {
+  if (index >= handles_.size() || handles_[index] == nullptr) return;
+  dlclose(handles_[index]);
+  handles_[index] = nullptr;
 }
 
 }  // namespace lithe::load

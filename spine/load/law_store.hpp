@@ -19,11 +19,11 @@ class LawStore : public Interface {
  public:
   // Loads the requested code at an empty index (0..law::kResidents-1), with all symbols resolved and all pages touched.
   // Any result but `staged` has one sentence in `why`. The Loader checks the descriptor.
-  virtual wire::StageResult load(std::uint32_t place, const wire::StageRequest& request, const LitheLaw*& law,
+  virtual wire::StageResult load(std::uint32_t index, const wire::StageRequest& request, const LitheLaw*& law,
                                  std::span<char> why) = 0;
 
   // Frees the index. No thread may still run its code.
-  virtual void unload(std::uint32_t place) = 0;
+  virtual void unload(std::uint32_t index) = 0;
 };
 
 // Laws that lawd has linked for a slot of the arena and written there. The default back end: loading needs no mmap,
@@ -34,9 +34,9 @@ class ArenaStore final : public LawStore {
  public:
   explicit ArenaStore(arena::Arena arena) : arena_(std::move(arena)) {}
 
-  wire::StageResult load(std::uint32_t place, const wire::StageRequest& request, const LitheLaw*& law,
+  wire::StageResult load(std::uint32_t index, const wire::StageRequest& request, const LitheLaw*& law,
                          std::span<char> why) override;
-  void unload(std::uint32_t place) override;
+  void unload(std::uint32_t index) override;
 
   const arena::Arena& arena() const { return arena_; }
   arena::Arena take_arena() { return std::move(arena_); }  // for another store
@@ -58,12 +58,12 @@ const char* check_object(const char* path);
 class DlopenStore final : public LawStore {
  public:
   ~DlopenStore() override;
-  wire::StageResult load(std::uint32_t place, const wire::StageRequest& request, const LitheLaw*& law,
+  wire::StageResult load(std::uint32_t index, const wire::StageRequest& request, const LitheLaw*& law,
                          std::span<char> why) override;
-  void unload(std::uint32_t place) override;
+  void unload(std::uint32_t index) override;
 
  private:
-  const LitheLaw* open(std::uint32_t place, const char* path, std::span<char> why);
+  const LitheLaw* open(std::uint32_t index, const char* path, std::span<char> why);
 
   std::array<void*, law::kResidents> handles_{};
 };

@@ -20,11 +20,11 @@ void copy_text(char* to, const char (&from)[N]) {
 
 // Sets the requested parameter values before any code of the law runs. A revert does not lead to the compiled values,
 // with which the law was never tried. False: unknown parameter, or a value outside its range.
-bool take_params(law::Resident& place, const wire::StageRequest& request) {
+bool take_params(law::Resident& resident, const wire::StageRequest& request) {
   if (request.param_count > wire::kNparam) return false;
   for (std::uint32_t i = 0; i < request.param_count; ++i)
-    if (!place.set_param(request.param_index[i], request.param_value[i])) return false;
-  place.remember_params();
+    if (!resident.set_param(request.param_index[i], request.param_value[i])) return false;
+  resident.remember_params();
   return true;
 }
 
@@ -109,15 +109,15 @@ bool Loader::candidate_waits(std::int64_t now_ns) {
 
 wire::StageResult Loader::stage(const wire::StageRequest& request, std::int64_t now_ns) {
   Text why{};
-  law::Resident* place = free_place();
+  law::Resident* resident = free_resident();
   wire::StageResult result = wire::StageResult::slots_full;
   if (waiting_ != nullptr) {
     result = wire::StageResult::busy;
     std::snprintf(why.data(), why.size(), "another law is waiting for its tick");
-  } else if (place == nullptr) {
-    std::snprintf(why.data(), why.size(), "all %u places for laws are taken", law::kResidents);
+  } else if (resident == nullptr) {
+    std::snprintf(why.data(), why.size(), "all %u laws that fit are loaded", law::kResidents);
   } else {
-    result = prepare(*place, request, why);
+    result = prepare(*resident, request, why);
   }
   if (result != wire::StageResult::staged) {
     tell(wire::EventKind::law_refused, request.request_id, static_cast<std::uint32_t>(result), 0, why.data(), now_ns);
@@ -125,84 +125,85 @@ wire::StageResult Loader::stage(const wire::StageRequest& request, std::int64_t 
   }
   const std::int64_t staged_ns = monotonic_ns();
   const double load_ms = static_cast<double>(staged_ns - now_ns) * 1e-6;
-  publish_info(*place);
-  tell(wire::EventKind::law_staged, request.request_id, place->law_id, load_ms, place->descriptor->name, staged_ns);
-  waiting_ = place;
+  publish_info(*resident);
+  tell(wire::EventKind::law_staged, request.request_id, resident->law_id, load_ms, resident->descriptor->name,
+       staged_ns);
+  waiting_ = resident;
   offered_ns_ = now_ns;
-  slot_.offer(place);  // cannot fail: there is no other candidate
+  slot_.offer(resident);  // cannot fail: there is no other candidate
   return result;
 }
 
-law::Resident* Loader::free_place() {
+law::Resident* Loader::free_resident() {
   for (std::uint32_t i = 0; i < residents_.size(); ++i)
     if (!used_[i]) return &residents_[i];
   return nullptr;
 }
 
-wire::StageResult Loader::prepare(law::Resident& place, const wire::StageRequest& request, Text& why) {
+wire::StageResult Loader::prepare(law::Resident& resident, const wire::StageRequest& request, Text& why) {
   if (request.slot != 0 && arena_ == nullptr) {
     std::snprintf(why.data(), why.size(), "this Spine has no code arena: it loads laws with dlopen");
     return wire::StageResult::load_failed;
   }
   const LitheLaw* law = nullptr;
   LawStore& store = request.slot != 0 ? *arena_ : store_;
-  const wire::StageResult loaded = store.load(place.index, request, law, why);
+  const wire::StageResult loaded = store.load(resident.index, request, law, why);
   if (loaded != wire::StageResult::staged) return loaded;
-  place.slot = request.slot;
+  resident.slot = request.slot;
   if (*law::describe_mismatch(*law, why.data(), why.size()) != '\0') {
-    unload(place);
+    unload(resident);
     return wire::StageResult::abi_mismatch;
   }
-  law::reset_resident(place, *law);
-  place.slot = request.slot;
-  place.code_bytes = request.slot != 0 ? request.code_bytes : 0;
-  place.code_address = request.slot != 0 ? arena::slot_address(request.slot) : 0;
-  place.request_id = request.request_id;
-  place.source_hash = request.source_hash;
-  place.terms = terms_of(request);
-  if (!take_params(place, request)) {
+  law::reset_resident(resident, *law);
+  resident.slot = request.slot;
+  resident.code_bytes = request.slot != 0 ? request.code_bytes : 0;
+  resident.code_address = request.slot != 0 ? arena::slot_address(request.slot) : 0;
+  resident.request_id = request.request_id;
+  resident.source_hash = request.source_hash;
+  resident.terms = terms_of(request);
+  if (!take_params(resident, request)) {
     std::snprintf(why.data(), why.size(), "a parameter of the request is not the law's, or outside its range");
-    unload(place);
+    unload(resident);
     return wire::StageResult::hostile;
   }
-  if (!rehearsal_.prepare(place, monotonic_ns(), why)) {
-    unload(place);
+  if (!rehearsal_.prepare(resident, monotonic_ns(), why)) {
+    unload(resident);
     return wire::StageResult::dry_run_failed;
   }
-  place.law_id = next_id_++;
-  used_[place.index] = true;
-  build_bridges(place);
+  resident.law_id = next_id_++;
+  used_[resident.index] = true;
+  plan_all_migrations(resident);
   return wire::StageResult::staged;
 }
 
 // Plans the migration from every law in memory: after a rollback any of them may be active at the commit.
-void Loader::build_bridges(law::Resident& candidate) {
+void Loader::plan_all_migrations(law::Resident& candidate) {
   for (const law::Resident& peer : residents_)
-    if (used_[peer.index] && &peer != &candidate) law::build_bridge(candidate, peer);
+    if (used_[peer.index] && &peer != &candidate) law::plan_migrations(candidate, peer);
 }
 
-void Loader::unload(const law::Resident& place) { (place.slot != 0 ? *arena_ : store_).unload(place.index); }
+void Loader::unload(const law::Resident& resident) { (resident.slot != 0 ? *arena_ : store_).unload(resident.index); }
 
-void Loader::release(law::Resident& place) {
-  unload(place);
-  used_[place.index] = false;
-  place.law_id = 0;
-  place.descriptor = nullptr;
-  publish_info(place);
+void Loader::release(law::Resident& resident) {
+  unload(resident);
+  used_[resident.index] = false;
+  resident.law_id = 0;
+  resident.descriptor = nullptr;
+  publish_info(resident);
 }
 
-void Loader::publish_info(const law::Resident& place) {
+void Loader::publish_info(const law::Resident& resident) {
   info_ = {};
-  if (place.descriptor != nullptr) {
-    const LitheLaw& law = *place.descriptor;
-    info_.law_id = place.law_id;
+  if (resident.descriptor != nullptr) {
+    const LitheLaw& law = *resident.descriptor;
+    info_.law_id = resident.law_id;
     info_.param_count = law.param_count;
     info_.probe_count = law.probe_count;
     info_.state_bytes = law.state_size;
-    info_.source_hash = place.source_hash;
-    info_.request_id = place.request_id;
-    info_.slot = place.slot;
-    info_.code_bytes = place.code_bytes;
+    info_.source_hash = resident.source_hash;
+    info_.request_id = resident.request_id;
+    info_.slot = resident.slot;
+    info_.code_bytes = resident.code_bytes;
     copy_text(info_.name.data(), law.name);
     for (std::uint32_t i = 0; i < law.param_count; ++i) {
       copy_text(info_.param_name.data() + 32 * i, law.params[i].name);
@@ -219,7 +220,7 @@ void Loader::publish_info(const law::Resident& place) {
       info_.state_elements[i] = law.state[i].count;
     }
   }
-  ipc::ChannelWriter<wire::LawInfo>(spine_.law_info[place.index]).write(info_);
+  ipc::ChannelWriter<wire::LawInfo>(spine_.law_info[resident.index]).write(info_);
 }
 
 void Loader::tell(wire::EventKind kind, std::uint64_t request_id, std::uint32_t code, double value, const char* text,

@@ -41,12 +41,12 @@ class Loader {
 
   bool retire_one(std::int64_t now_ns);
   bool candidate_waits(std::int64_t now_ns);
-  law::Resident* free_place();
-  wire::StageResult prepare(law::Resident& place, const wire::StageRequest& request, Text& why);
-  void build_bridges(law::Resident& candidate);
-  void unload(const law::Resident& place);
-  void release(law::Resident& place);
-  void publish_info(const law::Resident& place);
+  law::Resident* free_resident();
+  wire::StageResult prepare(law::Resident& resident, const wire::StageRequest& request, Text& why);
+  void plan_all_migrations(law::Resident& candidate);
+  void unload(const law::Resident& resident);
+  void release(law::Resident& resident);
+  void publish_info(const law::Resident& resident);
   void tell(wire::EventKind kind, std::uint64_t request_id, std::uint32_t code, double value, const char* text,
             std::int64_t now_ns);
 

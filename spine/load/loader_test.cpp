@@ -70,9 +70,9 @@ class LoaderTest : public ::testing::Test {
     Effort effort;
     slot_.active()->step(Tick{}, effort, probes_);
   }
-  wire::LawInfo info(std::uint32_t place) {
+  wire::LawInfo info(std::uint32_t index) {
     wire::LawInfo info;
-    ipc::ChannelReader<wire::LawInfo>(spine_->law_info[place]).read(info);
+    ipc::ChannelReader<wire::LawInfo>(spine_->law_info[index]).read(info);
     return info;
   }
 
@@ -206,7 +206,7 @@ TEST_F(LoaderTest, LawThatNoTickCommitsIsTakenBack) {
   loader_.poll(now_ns_ + kCommitTimeoutNs);
   EXPECT_NE(refusal().find("no tick committed"), std::string::npos);
   EXPECT_FALSE(slot_.try_commit().has_value());
-  EXPECT_EQ(stage(OBJECT_counter), StageResult::staged) << "its place is free again";
+  EXPECT_EQ(stage(OBJECT_counter), StageResult::staged) << "its index is free again";
 }
 
 TEST_F(LoaderTest, WrongAbiNamesExpectedAndFound) {

@@ -6,7 +6,7 @@
 #include <cstring>
 #include <memory>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/load/loader.hpp"
 
 namespace lithe::load {

@@ -7,9 +7,9 @@ namespace {
 std::int64_t age_ns(const wire::SegmentHeader& header, std::int64_t now_ns) LITHE_RT {
   constexpr std::int64_t kFutureNs = 1'000'000;  // two cores' clocks differ by far less
   std::int64_t& word = const_cast<std::int64_t&>(header.heartbeat_ns);
-  const std::int64_t beat_ns = std::atomic_ref<std::int64_t>(word).load(std::memory_order_acquire);
-  if (beat_ns <= 0 || beat_ns > now_ns + kFutureNs) return -1;
-  return beat_ns < now_ns ? now_ns - beat_ns : 0;
+  const std::int64_t heartbeat_ns = std::atomic_ref<std::int64_t>(word).load(std::memory_order_acquire);
+  if (heartbeat_ns <= 0 || heartbeat_ns > now_ns + kFutureNs) return -1;
+  return heartbeat_ns < now_ns ? now_ns - heartbeat_ns : 0;
 }
 
 }  // namespace

@@ -81,7 +81,7 @@ void Publisher::state(const law::Resident& law) LITHE_RT {
   law_state_.write(state_, used);
 }
 
-void Publisher::beat(std::int64_t now_ns) LITHE_RT {
+void Publisher::heartbeat(std::int64_t now_ns) LITHE_RT {
   std::atomic_ref<std::int64_t>(header_->heartbeat_ns).store(now_ns, std::memory_order_release);
 }
 

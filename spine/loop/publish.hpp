@@ -48,7 +48,7 @@ class Publisher {
   // Its State, bounded by kMaxStateBytes; only the words in use are written.
   void state(const law::Resident& law) LITHE_RT;
 
-  void beat(std::int64_t now_ns) LITHE_RT;
+  void heartbeat(std::int64_t now_ns) LITHE_RT;
 
  private:
   void params(const law::Resident& law) LITHE_RT;

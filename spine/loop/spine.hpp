@@ -65,7 +65,7 @@ class Spine {
 
   struct Timing {
     Durations durations;
-    bool overran = false;                          // the previous tick ended after its deadline
+    bool missed_deadline = false;                  // the previous tick ended after its deadline
     std::int64_t last_from_ns = 0, served_ns = 0;  // inline Transport: start of the last tick, and of its bus exchange
   };
 

@@ -16,7 +16,7 @@ void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t sk
   const bool exchanged = exchange();  // u_k leaves, x_k is here
   const std::int64_t handed_ns = clock_.now_ns();
 
-  out_.beat(woke_ns);
+  out_.heartbeat(woke_ns);
   const step::Report& report =
       decide({.tick = tick_, .now_ns = woke_ns, .sample = *sample_, .exchanged = exchanged, .deadline_missed = missed});
 
@@ -25,14 +25,14 @@ void Spine::tick(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t sk
   timing_.last_from_ns = from_ns;
   publish(report, release_ns, exchanged);
   durations.tick_ns = clock_.now_ns() - from_ns;
-  timing_.overran = durations.release_jitter_ns + durations.tick_ns > grid_.period_ns();
+  timing_.missed_deadline = durations.release_jitter_ns + durations.tick_ns > grid_.period_ns();
 }
 
-// Skipped releases and overrun deadlines are counted here and nowhere else.
+// Skipped releases and missed deadlines are counted here and nowhere else.
 bool Spine::count_release(std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped) LITHE_RT {
   Durations& durations = timing_.durations;
   durations.release_jitter_ns = woke_ns - release_ns;
-  if (skipped == 0 && !timing_.overran) return false;
+  if (skipped == 0 && !timing_.missed_deadline) return false;
   out_.skipped(skipped, durations.release_jitter_ns, grid_.period_ns());
   out_.event(EventKind::deadline_missed, woke_ns, skipped, static_cast<double>(durations.tick_ns),
              skipped > 0 ? "releases were skipped" : "the tick ended after its deadline");

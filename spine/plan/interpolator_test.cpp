@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/plan/test/plan_rig.hpp"
 
 namespace lithe::plan {

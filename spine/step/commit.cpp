@@ -52,7 +52,7 @@ CommandResult Laws::roll_back(const wire::Command& command) LITHE_RT {
   slot_.rollback(law::Carry::named, steps, &mended);
   report_.flags |= flag::kRolledBack;
   probation_.end();
-  greet(blend_ticks);
+  begin_law(blend_ticks);
   tell_not_carried(*slot_.active(), mended);
   report_.event(EventKind::law_rolled_back, slot_.active()->law_id, command.request_id, steps,
                 "an earlier law runs again");
@@ -72,7 +72,7 @@ void Laws::swap(Host& host) LITHE_RT {
 void Laws::commit(law::Resident& candidate, law::Carry carry) LITHE_RT {
   const law::Commit done = slot_.commit(candidate, carry);
   const bool follows = done.previous_id != 0;
-  greet(follows ? candidate.terms.blend_ticks : 0);
+  begin_law(follows ? candidate.terms.blend_ticks : 0);
   probation_.end();
   if (follows) probation_.start(candidate.terms);
   report_.flags |= flag::kSwapCommitted;
@@ -133,7 +133,7 @@ void Laws::end_shadow(Shadow::Opinion opinion, std::string_view why) LITHE_RT {
 }
 
 // Synchronises this core's instruction cache, because the slot may have held another law's code; then starts the blend.
-void Laws::greet(std::uint32_t blend_ticks) LITHE_RT {
+void Laws::begin_law(std::uint32_t blend_ticks) LITHE_RT {
   serialise_core();
   bumpless_.start(blend_ticks);
 }

@@ -151,7 +151,7 @@ Laws::Back Laws::step_back() LITHE_RT {
   law::FieldBits mended = 0;
   if (!slot_.rollback(law::Carry::none, 1, &mended)) return Back::nowhere;
   report_.flags |= flag::kRolledBack;
-  greet(0);
+  begin_law(0);
   report_.params_changed = true;
   tell_not_carried(*slot_.active(), mended);
   return Back::law;

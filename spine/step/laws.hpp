@@ -81,7 +81,7 @@ class Laws {
   bool fall_back(const Run& first, Host& host) LITHE_RT;
   void replace(const Probation::News& why) LITHE_RT;
   Back step_back() LITHE_RT;
-  void greet(std::uint32_t blend_ticks) LITHE_RT;
+  void begin_law(std::uint32_t blend_ticks) LITHE_RT;
   void stop_for(wire::LawFaultKind kind, std::string_view why) LITHE_RT;
   void commit(law::Resident& candidate, law::Carry carry) LITHE_RT;
   void start_shadow(law::Resident& candidate) LITHE_RT;

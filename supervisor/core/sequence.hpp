@@ -43,23 +43,24 @@ class Sequence {
     std::optional<Refusal> why_not_;
   };
 
-  // `co_await` waits until somebody has put an answer into the box. It returns that answer, or why there is none.
+  // `co_await` waits until somebody has put an answer into `pending`. It returns that answer, or why there is none.
   template <class T>
   class Reply : public Until {
    public:
     using Outcome = std::variant<T, Refusal>;
-    using Box = std::shared_ptr<std::optional<Outcome>>;
+    using Pending = std::shared_ptr<std::optional<Outcome>>;
 
-    Reply(Box box, std::int64_t deadline_ns, Refusal late)
-        : Until([box](std::int64_t) { return box->has_value(); }, deadline_ns, std::move(late)), box_(std::move(box)) {}
+    Reply(Pending pending, std::int64_t deadline_ns, Refusal late)
+        : Until([pending](std::int64_t) { return pending->has_value(); }, deadline_ns, std::move(late)),
+          pending_(std::move(pending)) {}
 
     Outcome await_resume() {
       if (auto why_not = Until::await_resume()) return std::move(*why_not);
-      return std::move(**box_);
+      return std::move(**pending_);
     }
 
    private:
-    Box box_;
+    Pending pending_;
   };
 
   explicit Sequence(std::coroutine_handle<promise_type> self) : self_(self) {}

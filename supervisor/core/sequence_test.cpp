@@ -18,7 +18,7 @@ class SequenceTest : public testing::Test {
  protected:
   // Waits for a number, then for `open_`, and tells what it found.
   Sequence two_steps() {
-    const auto number = co_await Number(box_, 100, kLate);
+    const auto number = co_await Number(pending_, 100, kLate);
     if (const auto* no = std::get_if<Refusal>(&number)) {
       told_.push_back(no->code);
       co_return;
@@ -28,14 +28,14 @@ class SequenceTest : public testing::Test {
     told_.push_back(why_not ? why_not->code : "open");
   }
 
-  Number::Box box_ = std::make_shared<std::optional<Number::Outcome>>();
+  Number::Pending pending_ = std::make_shared<std::optional<Number::Outcome>>();
   bool open_ = false;
   std::vector<std::string> told_;
 };
 
 TEST_F(SequenceTest, RunsOnlyWhenItIsServedAndGoesOnWhereItWaits) {
   Sequence sequence = two_steps();
-  *box_ = 7;
+  *pending_ = 7;
   EXPECT_TRUE(told_.empty());
   sequence.serve(1);
   EXPECT_EQ(told_, std::vector<std::string>{"7"}) << "what is there already is not waited for";
@@ -55,7 +55,7 @@ TEST_F(SequenceTest, AnAnswerIsTakenAlsoInTheTurnOfTheDeadlineAndALateOneIsNot) 
   sequence.serve(1);
   sequence.serve(100);
   EXPECT_TRUE(told_.empty());
-  *box_ = 7;
+  *pending_ = 7;
   sequence.serve(101);
   sequence.serve(201);
   EXPECT_EQ(told_, (std::vector<std::string>{"7", "timeout"}));
@@ -63,7 +63,7 @@ TEST_F(SequenceTest, AnAnswerIsTakenAlsoInTheTurnOfTheDeadlineAndALateOneIsNot) 
 
 TEST_F(SequenceTest, ARefusalIsAnAnswer) {
   Sequence sequence = two_steps();
-  *box_ = Refusal{"compile_failed", "", ""};
+  *pending_ = Refusal{"compile_failed", "", ""};
   sequence.serve(1);
   EXPECT_EQ(told_, std::vector<std::string>{"compile_failed"});
   EXPECT_TRUE(sequence.done());
@@ -76,7 +76,7 @@ TEST_F(SequenceTest, AnAbortEndsThisWaitAndEveryLaterOneThatIsNotReadyAtOnce) {
   EXPECT_EQ(told_, std::vector<std::string>{"stopping"});
   told_.clear();
   Sequence has_its_number = two_steps();
-  *box_ = 7;
+  *pending_ = 7;
   has_its_number.abort(kGone, 2);
   EXPECT_EQ(told_, (std::vector<std::string>{"7", "stopping"}));
 }

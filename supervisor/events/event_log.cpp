@@ -108,7 +108,7 @@ std::string_view next_step(std::string_view why) {
       {"drive_not_homed", "home the joint again; then: lithe reset, lithe arm"},
       {"recover_failed", "take the load away, or raise guard.recover_torque_share; then: lithe recover"},
       {"deadline_missed", "find what disturbs the Spine's core: lithe doctor; on again: lithe reset, lithe arm"},
-      {"brain_stale", "start the Brain, or let it beat more often; on again: lithe reset, lithe arm"},
+      {"brain_stale", "start the Brain, or let it send heartbeats more often; on again: lithe reset, lithe arm"},
       {"plan_torn", "let one thread publish, and only plans that are complete; on again: lithe reset, lithe arm"},
       {"memory_damaged", "swap the law that ran for another; only a new process helps: lithe stop, lithe run"}};
   const auto found = std::ranges::find_if(

@@ -158,11 +158,11 @@ void Incidents::write(const SpineLink& spine) {
   Json told = summary(spine, records);
   told["id"] = id;
   told["data"] = name_of(id) + ".npy";
-  trouble_ = put(folder_ / (name_of(id) + ".npy"), columns.npy());
-  if (trouble_.empty())
-    trouble_ = put(folder_ / (name_of(id) + ".json"), told.dump(2, ' ', false, Json::error_handler_t::replace) + '\n');
-  if (!trouble_.empty()) fs::remove(folder_ / (name_of(id) + ".npy"), failure);
-  if (trouble_.empty()) last_id_ = id;
+  problem_ = put(folder_ / (name_of(id) + ".npy"), columns.npy());
+  if (problem_.empty())
+    problem_ = put(folder_ / (name_of(id) + ".json"), told.dump(2, ' ', false, Json::error_handler_t::replace) + '\n');
+  if (!problem_.empty()) fs::remove(folder_ / (name_of(id) + ".npy"), failure);
+  if (problem_.empty()) last_id_ = id;
 }
 
 // Deletes the oldest; also data without a summary, which a kill has left.
@@ -269,7 +269,7 @@ Json Incidents::brief() const {
   const auto ids = ids_in(folder_);
   return {{"folder", folder_.string()},
           {"last", ids.empty() ? Json() : Json(ids.back())},
-          {"trouble", trouble_.empty() ? Json() : Json(trouble_)}};
+          {"problem", problem_.empty() ? Json() : Json(problem_)}};
 }
 
 }  // namespace lithe::control

@@ -44,11 +44,11 @@ class Incidents {
   // The Spine has ended: writes the open incident with what there is.
   void finish(const SpineLink& spine);
 
-  // {"folder", "trouble", "skipped", "incidents": [...]}: without the events of each.
+  // {"folder", "problem", "skipped", "incidents": [...]}: without the events of each.
   Json list() const;
   // The whole summary of one; `id` 0 = the newest.
   std::variant<Json, Refusal> show(std::uint64_t id) const;
-  // {"folder", "last", "trouble"} for status.
+  // {"folder", "last", "problem"} for status.
   Json brief() const;
 
  private:
@@ -69,7 +69,7 @@ class Incidents {
   std::map<std::string, std::int64_t> last_ns_;  // of the last kPauseNs, by what happened
   std::map<std::uint32_t, Json> laws_;           // those committed last: the Spine forgets one that it has replaced
   std::uint64_t skipped_ = 0, last_id_ = 0;
-  std::string trouble_;
+  std::string problem_;
 };
 
 }  // namespace lithe::control

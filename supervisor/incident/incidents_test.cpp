@@ -190,11 +190,11 @@ TEST_F(IncidentsTest, AFolderThatCannotBeWrittenIsToldAndTheNextOneIsTried) {
   run(1, 100);
   tell(EventKind::estop, 50);
   incidents_.finish(*link_);
-  EXPECT_NE(incidents_.brief()["trouble"].get<std::string>().find("cannot write"), std::string::npos);
+  EXPECT_NE(incidents_.brief()["problem"].get<std::string>().find("cannot write"), std::string::npos);
   fs::remove(folder_);
   tell(EventKind::reset, 60);
   incidents_.finish(*link_);
-  EXPECT_TRUE(incidents_.brief()["trouble"].is_null());
+  EXPECT_TRUE(incidents_.brief()["problem"].is_null());
   EXPECT_EQ(show()["kind"], "reset");
 }
 

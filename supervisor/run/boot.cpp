@@ -213,7 +213,7 @@ void Supervisor::serve_spine(SpineLink link) {
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
   commands_.emplace(*link_, first_id, &config_, &drives_told_);
   swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
-                 RecordBook(records_of(config_.name)), first_id, config_);
+                 CertificateFiles(records_of(config_.name)), first_id, config_);
   incidents_.emplace(incidents_of(config_.name), events_);
   const wire::RobotInfo& info = link_->info();
   const int transport = info.transport_inline != 0 ? -1 : static_cast<int>(info.cpu_transport);

@@ -19,7 +19,7 @@ void Supervisor::stop() {
   bool known_off = true;
   // A Spine that we could not adopt is left running.
   if (spine_ && !spine_->ended() && (link_ || !adopted_)) known_off = stop_spine();
-  if (swaps_) swaps_->write_last_records(monotonic_ns());
+  if (swaps_) swaps_->write_last_certificates(monotonic_ns());
   if (incidents_) incidents_->finish(*link_);
   if (server_) {
     server_->flush(200);

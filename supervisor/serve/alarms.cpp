@@ -117,8 +117,8 @@ Json alarms_of(const Json& status) {
   see_mode(status, out);
   for (const Json& joint : status.value("joints", Json::array())) see_joint(joint, out);
   if (word(status, "gates") == "open") out.warn("THE GATES ARE OPEN: laws are neither admitted nor tried");
-  if (const std::string trouble = word(status, "records_trouble"); !trouble.empty())
-    out.warn("CERTIFICATES: " + trouble);
+  if (const std::string problem = word(status, "certificates_error"); !problem.empty())
+    out.warn("CERTIFICATES: " + problem);
   if (const Json slow = status.value("throttled", Json::object()); slow.value("now", false))
     out.warn("THE PROCESSOR IS SLOWED DOWN (" + word(slow, "why") + "): ticks take longer; cool it, or lower rate_hz");
   see_health(status, out);

@@ -25,7 +25,7 @@ TEST(Alarms, ASoundRobotHasNone) {
                   {"fault", "none"},
                   {"age_ms", 0.7},
                   {"gates", "closed"},
-                  {"records_trouble", nullptr},
+                  {"certificates_error", nullptr},
                   {"health", {{"plans_torn", 0}}},
                   {"throttled", {{"now", false}, {"times", 3}, {"why", "firmware: throttled"}}},
                   {"joints", Json::array({joint(0)})}}),

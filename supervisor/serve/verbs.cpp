@@ -71,7 +71,7 @@ void Verbs::add_looks() {
     status["last_swap"] = parts_.swaps.last();
     status["last_params"] = parts_.swaps.last_params();
     status["records"] = parts_.swaps.records().string();
-    status["records_trouble"] = parts_.swaps.records_trouble();
+    status["certificates_error"] = parts_.swaps.certificates_error();
     status["incidents"] = parts_.incidents.brief();
     status["throttled"] = {
         {"now", parts_.throttle.active()}, {"times", parts_.throttle.times()}, {"why", parts_.throttle.why()}};

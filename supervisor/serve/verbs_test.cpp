@@ -31,7 +31,7 @@ class VerbsTest : public SpineRig {
     ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth>((*spine_)->telemetry).push(*record);
     tick_.emplace((*control_)->commands, (*spine_)->control_ack);
     commands_.emplace(*link_, 1);
-    swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, RecordBook(folder_), 1, config_);
+    swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, CertificateFiles(folder_), 1, config_);
     verbs_.emplace(
         Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, incidents_, log_, throttle_, false, shield_},
         [this](const ReplyTo&, const Answer& answer) { answers_.push_back(answer); }, [] {});

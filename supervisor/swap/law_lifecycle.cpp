@@ -75,7 +75,8 @@ LawLifecycle::LawLifecycle(const SpineLink& spine, Keep keep, Locate locate, Exp
       explain_(std::move(explain)),
       faults_(spine.memory().law_faults) {}
 
-void LawLifecycle::follow(Transaction swap, RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns) {
+void LawLifecycle::follow(SwapState swap, CertificateFiles::Page record, const CoreCounts& before,
+                          std::int64_t now_ns) {
   measure_all();
   for (Life& each : lives_) measure_control(each);
   Life* last = running_.empty() ? nullptr : of_law(running_.back());
@@ -172,17 +173,17 @@ void LawLifecycle::on_event(const wire::Event& event) {
 std::optional<wire::LawFault> LawLifecycle::record_of(const wire::Event& event) {
   wire::LawFault fault{};
   while (!faults_.empty())
-    if (faults_.next(fault)) untold_.push_back(fault);
+    if (faults_.next(fault)) unreported_.push_back(fault);
   const auto is_it = [&](const wire::LawFault& each) {
     return each.request_id == event.request_id && each.tick == event.tick;
   };
-  const auto found = std::ranges::find_if(untold_, is_it);
+  const auto found = std::ranges::find_if(unreported_, is_it);
   std::optional<wire::LawFault> record;
-  if (found != untold_.end()) {
+  if (found != unreported_.end()) {
     record = *found;
-    untold_.erase(found);
+    unreported_.erase(found);
   }
-  while (untold_.size() > wire::spine_segment::kLawFaultsDepth) untold_.pop_front();  // its event was lost
+  while (unreported_.size() > wire::spine_segment::kLawFaultsDepth) unreported_.pop_front();  // its event was lost
   return record;
 }
 

@@ -13,8 +13,8 @@
 
 #include "supervisor/link/spine/metrics.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
-#include "supervisor/swap/certificate/record.hpp"
-#include "supervisor/swap/certificate/transaction.hpp"
+#include "supervisor/swap/certificate/certificate_files.hpp"
+#include "supervisor/swap/certificate/swap_state.hpp"
 
 namespace lithe::control {
 
@@ -22,14 +22,14 @@ namespace lithe::control {
 class LawLifecycle {
  public:
   // Called when a certificate has changed.
-  using Keep = std::function<void(const Transaction&, const RecordBook::Page&)>;
+  using Keep = std::function<void(const SwapState&, const CertificateFiles::Page&)>;
   // Finds the source line of a law fault at this offset from the start of its slot [bytes]; 0: an output was not
   // finite, so there is no address. Answers at any time with {"where", "function"}, or null when the line cannot be
   // found.
   using Found = std::function<void(const Json& place)>;
-  using Locate = std::function<void(const Transaction& swap, std::uint32_t offset, Found found)>;
+  using Locate = std::function<void(const SwapState& swap, std::uint32_t offset, Found found)>;
   // What the measured control says about a law that was rolled back, one sentence.
-  using Explain = std::function<void(const Transaction& swap, const std::string& sentence)>;
+  using Explain = std::function<void(const SwapState& swap, const std::string& sentence)>;
   static constexpr std::size_t kFaultsKept = 8;
   // Control is compared over the probation, at most so long before and after the commit: both are in the ring then.
   static constexpr double kControlS = 1.5;
@@ -38,7 +38,7 @@ class LawLifecycle {
   LawLifecycle(const SpineLink& spine, Keep keep, Locate locate = {}, Explain explain = {});
 
   // `before`: the counters when the request was sent to the Loader.
-  void follow(Transaction swap, RecordBook::Page record, const CoreCounts& before, std::int64_t now_ns);
+  void follow(SwapState swap, CertificateFiles::Page record, const CoreCounts& before, std::int64_t now_ns);
   // Measures every law whose measuring time has come.
   void serve(std::int64_t now_ns);
   // Measures all laws that are still unmeasured now: counts after this moment belong to the next law.
@@ -60,8 +60,8 @@ class LawLifecycle {
 
  private:
   struct Life {
-    Transaction swap;
-    RecordBook::Page record;
+    SwapState swap;
+    CertificateFiles::Page record;
     CoreCounts before;
     std::int64_t measure_at_ns;  // 0 = it was done
     std::int64_t control_at_ns;  // likewise, of its control
@@ -90,9 +90,9 @@ class LawLifecycle {
   Explain explain_;
   Json told_ = Json::array();
   ipc::RingReader<wire::LawFault, wire::spine_segment::kLawFaultsDepth> faults_;
-  std::deque<wire::LawFault> untold_;   // read from the ring, their events not seen yet
-  std::deque<Life> lives_;              // oldest commit first
-  std::vector<std::uint32_t> running_;  // law ids in the order of their commits; a rollback removes the last ones
+  std::deque<wire::LawFault> unreported_;  // read from the ring, their events not seen yet
+  std::deque<Life> lives_;                 // oldest commit first
+  std::vector<std::uint32_t> running_;     // law ids in the order of their commits; a rollback removes the last ones
 };
 
 }  // namespace lithe::control

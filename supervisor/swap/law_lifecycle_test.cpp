@@ -28,19 +28,19 @@ class LawLifecycleTest : public SpineRig {
     });
     lifecycle_.emplace(
         *link_,
-        [this](const Transaction& each, const RecordBook::Page&) { kept_[each.request_id()] = each.certificate(); },
-        [this](const Transaction&, std::uint32_t offset, LawLifecycle::Found found) {
+        [this](const SwapState& each, const CertificateFiles::Page&) { kept_[each.request_id()] = each.certificate(); },
+        [this](const SwapState&, std::uint32_t offset, LawLifecycle::Found found) {
           asked_.push_back(offset);
           answers_.push_back(std::move(found));
         },
-        [this](const Transaction& each, const std::string& sentence) { explained_[each.request_id()] = sentence; });
+        [this](const SwapState& each, const std::string& sentence) { explained_[each.request_id()] = sentence; });
   }
 
   // A law committed at tick 10 times its id; its request is 100 + its id.
   void commit(std::uint32_t law_id, double probation_s = 1.0) {
     SwapRequest request{"x.cpp", "text"};
     request.terms.probation_s = probation_s;
-    Transaction swap(100 + law_id, request, 1);
+    SwapState swap(100 + law_id, request, 1);
     swap.mark_started(1);
     swap.mark_compiled({}, 2);
     for (const Stage each : {Stage::admitted, Stage::placed, Stage::tried, Stage::staged}) swap.mark(each, "", 3);

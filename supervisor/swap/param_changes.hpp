@@ -14,7 +14,7 @@
 #include "supervisor/events/event_log.hpp"
 #include "supervisor/link/services/trial_link.hpp"
 #include "supervisor/link/spine/commands.hpp"
-#include "supervisor/swap/certificate/transaction.hpp"
+#include "supervisor/swap/certificate/swap_state.hpp"
 #include "supervisor/swap/tried_laws.hpp"
 
 namespace lithe::control {

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/core/test/emulation.hpp"
+#include "spine/core/test/emulation_rig.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/segment.hpp"
 #include "supervisor/link/services/lawd_link.hpp"

@@ -33,7 +33,7 @@ std::uint64_t offset_in(const Json& report) {
 constexpr const char* kSkipped = "skipped: the gates are open";
 
 // Once the Loader has the law it cannot be cancelled: it may still be committed.
-Refusal too_late(const Transaction& swap, const char* doing, std::int64_t limit_ns) {
+Refusal too_late(const SwapState& swap, const char* doing, std::int64_t limit_ns) {
   const std::string what =
       fmt::format("{} '{}' took longer than {} s", doing, swap.request().name, limit_ns / 1'000'000'000);
   return swap.stage() < Stage::tried
@@ -44,13 +44,13 @@ Refusal too_late(const Transaction& swap, const char* doing, std::int64_t limit_
 
 // The present step, until there is an answer or its time is up.
 template <class T>
-Sequence::Reply<T> reply(const typename Sequence::Reply<T>::Box& box, const Transaction& swap, const char* doing,
+Sequence::Reply<T> reply(const typename Sequence::Reply<T>::Pending& pending, const SwapState& swap, const char* doing,
                          std::int64_t limit_ns) {
-  return {box, swap.stage_since_ns() + limit_ns, too_late(swap, doing, limit_ns)};
+  return {pending, swap.stage_since_ns() + limit_ns, too_late(swap, doing, limit_ns)};
 }
 
 template <class T>
-auto box_for() {
+auto pending_for() {
   return std::make_shared<std::optional<typename Sequence::Reply<T>::Outcome>>();
 }
 
@@ -102,8 +102,8 @@ bool put(std::array<char, N>& field, const std::string& text) {
 }  // namespace
 
 // Each co_await starts a step in another process and goes on with its answer, or with the reason why there is none.
-// Whatever the end, the transaction has it: settle() answers the client and writes the certificate.
-Sequence Swaps::swap_law(Transaction& swap) {
+// Whatever the end, the state of the swap has it: settle() answers the client and writes the certificate.
+Sequence Swaps::swap_law(SwapState& swap) {
   // queued -> compiled -> admitted: lawd runs the compiler and every gate.
   swap.mark_started(now_ns());
   note(swap, "swap_submitted", swap.request().name);
@@ -145,22 +145,22 @@ Sequence Swaps::swap_law(Transaction& swap) {
   swap.mark_committed(heard_.commit->tick, heard_.commit->code, heard_.commit->t_ns);
 }
 
-void Swaps::refuse(Transaction& swap, const Refusal& reason) { swap.mark_refused(reason, now_ns()); }
+void Swaps::refuse(SwapState& swap, const Refusal& reason) { swap.mark_refused(reason, now_ns()); }
 
-void Swaps::give_up(Transaction& swap, const Refusal& reason) { swap.mark_given_up(reason, now_ns()); }
+void Swaps::give_up(SwapState& swap, const Refusal& reason) { swap.mark_given_up(reason, now_ns()); }
 
-Sequence::Reply<Compiled> Swaps::compile(const Transaction& swap) {
-  const auto box = box_for<Compiled>();
-  const auto take = [this, box, params = swap.request().params](const Answer& answer) {
-    *box = read_compiled(answer, params);
+Sequence::Reply<Compiled> Swaps::compile(const SwapState& swap) {
+  const auto pending = pending_for<Compiled>();
+  const auto take = [this, pending, params = swap.request().params](const Answer& answer) {
+    *pending = read_compiled(answer, params);
     go_on(monotonic_ns());
   };
   help_.lawd.compile({swap.request().name, swap.request().source, swap.request().terms.budget_ns()}, take,
                      monotonic_ns());
-  return reply<Compiled>(box, swap, "compiling", 2 * help_.lawd.limit_ns());
+  return reply<Compiled>(pending, swap, "compiling", 2 * help_.lawd.limit_ns());
 }
 
-void Swaps::admitted(Transaction& swap, Compiled compiled) {
+void Swaps::admitted(SwapState& swap, Compiled compiled) {
   note(swap, "swap_compiled",
        fmt::format("{} in {:.0f} ms{}", compiled.law, compiled.compile_ms, compiled.cached ? " (cached)" : ""));
   const std::string words =
@@ -171,21 +171,21 @@ void Swaps::admitted(Transaction& swap, Compiled compiled) {
   swap.mark(Stage::admitted, words, now_ns());
 }
 
-Sequence::Reply<Placed> Swaps::place(const Transaction& swap) {
-  const auto box = box_for<Placed>();
-  const auto take = [this, box, id = swap.request_id()](const std::variant<Placed, Refusal>& answer) {
+Sequence::Reply<Placed> Swaps::place(const SwapState& swap) {
+  const auto pending = pending_for<Placed>();
+  const auto take = [this, pending, id = swap.request_id()](const std::variant<Placed, Refusal>& answer) {
     if (const auto* where = std::get_if<Placed>(&answer); where != nullptr && !is_head(id)) {
       placement_.forget(where->slot);  // the swap was given up in between
       return;
     }
-    *box = answer;
+    *pending = answer;
     go_on(monotonic_ns());
   };
   placement_.place(swap.compiled().hash, take, monotonic_ns());
-  return reply<Placed>(box, swap, "placing", 2 * help_.lawd.limit_ns());
+  return reply<Placed>(pending, swap, "placing", 2 * help_.lawd.limit_ns());
 }
 
-void Swaps::placed(Transaction& swap, const Placed& where) {
+void Swaps::placed(SwapState& swap, const Placed& where) {
   placed_ = where;
   std::string words = "not in the arena: loaded with dlopen";
   if (where.slot != 0) {
@@ -199,23 +199,23 @@ void Swaps::placed(Transaction& swap, const Placed& where) {
   swap.mark(Stage::placed, words, now_ns());
 }
 
-Sequence::Reply<std::string> Swaps::attempt(const Transaction& swap) {
-  const auto box = box_for<std::string>();
+Sequence::Reply<std::string> Swaps::attempt(const SwapState& swap) {
+  const auto pending = pending_for<std::string>();
   if (gates_are_open()) {
-    *box = kSkipped;
+    *pending = kSkipped;
   } else {
-    const auto take = [this, box, id = swap.request_id()](const Answer& answer) {
+    const auto take = [this, pending, id = swap.request_id()](const Answer& answer) {
       if (is_head(id)) {
-        *box = tried(head_->swap, answer);
+        *pending = tried(head_->swap, answer);
         go_on(monotonic_ns());
       }
     };
     help_.trial->attempt(request_of(swap), take, monotonic_ns());
   }
-  return reply<std::string>(box, swap, "trying", help_.lawd.limit_ns());
+  return reply<std::string>(pending, swap, "trying", help_.lawd.limit_ns());
 }
 
-TrialRequest Swaps::request_of(const Transaction& swap) const {
+TrialRequest Swaps::request_of(const SwapState& swap) const {
   TrialRequest request;
   request.object = swap.compiled().object;
   request.placed = *placed_;
@@ -227,7 +227,7 @@ TrialRequest Swaps::request_of(const Transaction& swap) const {
 }
 
 // The trial's words on success. Its report is in the certificate in any case.
-std::variant<std::string, Refusal> Swaps::tried(Transaction& swap, const Answer& answer) {
+std::variant<std::string, Refusal> Swaps::tried(SwapState& swap, const Answer& answer) {
   const auto* refusal = std::get_if<Refusal>(&answer);
   Json report = refusal == nullptr            ? std::get<Json>(answer)
                 : refusal->detail.is_object() ? refusal->detail.value("trial", Json())
@@ -249,23 +249,23 @@ std::variant<std::string, Refusal> Swaps::tried(Transaction& swap, const Answer&
 }
 
 // The source line of a crash in the trial, as for a crash in the Spine; null when there was none.
-Sequence::Reply<Json> Swaps::line_of_crash(const Transaction& swap, const Refusal& refusal) {
-  const auto box = box_for<Json>();
+Sequence::Reply<Json> Swaps::line_of_crash(const SwapState& swap, const Refusal& refusal) {
+  const auto pending = pending_for<Json>();
   const std::uint64_t offset = offset_in(report_in(refusal));
   if (offset == 0) {
-    *box = Json();
+    *pending = Json();
   } else {
-    find_line(swap, offset, placed_->slot != 0, [this, box](const Json& place) {
-      *box = place;
+    find_line(swap, offset, placed_->slot != 0, [this, pending](const Json& place) {
+      *pending = place;
       go_on(monotonic_ns());
     });
   }
-  return reply<Json>(box, swap, "trying", help_.lawd.limit_ns());
+  return reply<Json>(pending, swap, "trying", help_.lawd.limit_ns());
 }
 
 // A NaN in the Spine has no address: the tick only sees the output. The trial repeats the law, from a fresh State, on
 // what the robot has just recorded, and stops at the operation that makes a NaN there; null when that makes none.
-void Swaps::find_line_of_nan(const Transaction& swap, LawLifecycle::Found found) {
+void Swaps::find_line_of_nan(const SwapState& swap, LawLifecycle::Found found) {
   const auto again = help_.trial != nullptr ? tried_laws_.again(swap.request_id()) : std::nullopt;
   if (!again) return found(nullptr);
   const auto take = [this, swap, found = std::move(found)](const Answer& answer) {
@@ -278,7 +278,7 @@ void Swaps::find_line_of_nan(const Transaction& swap, LawLifecycle::Found found)
 }
 
 // Sends the law to the Loader.
-std::optional<Refusal> Swaps::stage(Transaction& swap) {
+std::optional<Refusal> Swaps::stage(SwapState& swap) {
   swap.note_missed_before(missed_releases());
   wire::StageRequest request;
   request.request_id = swap.request_id();
@@ -304,7 +304,7 @@ std::optional<Refusal> Swaps::stage(Transaction& swap) {
   return std::nullopt;
 }
 
-Sequence::Until Swaps::spine_reaches(Stage stage, const Transaction& swap) {
+Sequence::Until Swaps::spine_reaches(Stage stage, const SwapState& swap) {
   const auto ready = [this, stage](std::int64_t now_ns) {
     look(now_ns);
     return heard_.refusal.has_value() || heard_.stage() >= stage;

@@ -105,7 +105,7 @@ void Swaps::shadow_ended(const wire::Event& event) {
 }
 
 // The stages that the Spine told of: the tick may commit before the Loader's acknowledgement is read.
-void Swaps::mark_heard(Transaction& swap) const {
+void Swaps::mark_heard(SwapState& swap) const {
   const std::int64_t later_ns = heard_.shadow_ns != 0 ? heard_.shadow_ns : heard_.commit ? heard_.commit->t_ns : 0;
   swap.mark(Stage::staged, "", heard_.staged_ns != 0 ? heard_.staged_ns : later_ns);
   if (heard_.shadow_ns != 0) swap.mark(Stage::shadow, "", heard_.shadow_ns);
@@ -153,7 +153,7 @@ void Swaps::come_late(const wire::Event& event) {
   const bool committed = kind == wire::EventKind::law_committed;
   if (found == unconfirmed_.end() || (!committed && kind != wire::EventKind::law_refused)) return;
   Entry late = std::move(*found);
-  Transaction& swap = late.swap;
+  SwapState& swap = late.swap;
   unconfirmed_.erase(found);
   if (!committed) {
     swap.mark_refused(stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)), event.t_ns);

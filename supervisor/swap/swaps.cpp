@@ -20,17 +20,18 @@ std::filesystem::path text_beside(std::filesystem::path certificate) {
 
 }  // namespace
 
-Swaps::Swaps(const Helpers& helpers, RecordBook book, std::uint64_t first_request_id, const robot::RobotConfig& robot)
+Swaps::Swaps(const Helpers& helpers, CertificateFiles book, std::uint64_t first_request_id,
+             const robot::RobotConfig& robot)
     : help_(helpers),
       placement_(helpers.spine, helpers.lawd),
       book_(std::move(book)),
       robots_terms_(terms_of(robot, helpers.spine.info().rate_hz)),
       lifecycle_(
-          helpers.spine, [this](const Transaction& each, const RecordBook::Page& record) { rewrite(each, record); },
-          [this](const Transaction& each, std::uint32_t offset, LawLifecycle::Found found) {
+          helpers.spine, [this](const SwapState& each, const CertificateFiles::Page& record) { rewrite(each, record); },
+          [this](const SwapState& each, std::uint32_t offset, LawLifecycle::Found found) {
             locate(each, offset, std::move(found));
           },
-          [this](const Transaction& each, const std::string& sentence) {
+          [this](const SwapState& each, const std::string& sentence) {
             note(each, "law_rollback_explained", fmt::format("{}: {}", each.compiled().law, sentence));
           }),
       tried_laws_(helpers.spine),
@@ -63,7 +64,7 @@ void Swaps::submit(SwapRequest request, Callback callback, std::int64_t now_ns) 
   if (request.supersede) supersede(request, now_ns);
   if (waiting_.size() + (head_ ? 1 : 0) >= kMaxWaiting)
     return callback(Refusal{"busy", fmt::format("{} swaps wait already", kMaxWaiting), "try again later"});
-  waiting_.push_back({Transaction(next_id_++, std::move(request), now_ns), std::move(callback)});
+  waiting_.push_back({SwapState(next_id_++, std::move(request), now_ns), std::move(callback)});
   keep_record(waiting_.back());
   go_on(now_ns);
   begin_next(now_ns);
@@ -136,7 +137,7 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
 }
 
 // Only the newest swap is reported: the retirement of an older law does not change it.
-void Swaps::remember(const Transaction& swap) {
+void Swaps::remember(const SwapState& swap) {
   const bool begun = swap.stage() != Stage::submitted;
   if (begun && (last_.is_null() || last_["request_id"] <= swap.request_id())) last_ = summary_of(swap.certificate());
 }
@@ -156,8 +157,8 @@ void Swaps::keep_record(Entry& entry) {
   }
 }
 
-void Swaps::write_last_records(std::int64_t now_ns) {
-  late_.retry(book_, now_ns + LateRecords::kPauseNs);
+void Swaps::write_last_certificates(std::int64_t now_ns) {
+  late_.retry(book_, now_ns + LateCertificates::kPauseNs);
   if (const std::size_t lost = late_.waiting(); lost > 0)
     spdlog::error(
         "{} certificate{} lost: nothing could be written to {} until the end; free space there, or set LITHE_OUT_DIR, "
@@ -185,12 +186,12 @@ std::filesystem::path Swaps::source_of(std::uint32_t law_id) const {
   return std::filesystem::exists(text, failure) ? text : std::filesystem::path();
 }
 
-Json Swaps::records_trouble() const {
+Json Swaps::certificates_error() const {
   const std::string& told = late_.waiting() > 0 || !write_failed_.empty() ? write_failed_ : book_.begun_anew();
   return told.empty() ? Json() : Json(told);
 }
 
-void Swaps::rewrite(const Transaction& swap, const RecordBook::Page& record) {
+void Swaps::rewrite(const SwapState& swap, const CertificateFiles::Page& record) {
   remember(swap);
   if (record.path.empty()) {
     late_.hold(swap.request_id(), swap.certificate());
@@ -204,13 +205,13 @@ void Swaps::rewrite(const Transaction& swap, const RecordBook::Page& record) {
 
 std::uint64_t Swaps::missed_releases() const { return help_.spine.now().missed_releases; }
 
-void Swaps::note(const Transaction& swap, const char* kind, const std::string& text) {
+void Swaps::note(const SwapState& swap, const char* kind, const std::string& text) {
   help_.log.note(swap.request_id(), kind, text);
 }
 
 // Asks the compile service for the source line. `offset` [bytes]: from the start of the slot, or of the object when not
 // `placed`.
-void Swaps::find_line(const Transaction& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found) {
+void Swaps::find_line(const SwapState& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found) {
   const auto located = [file = swap.request().name, found = std::move(found)](const Answer& answer) {
     const Json* place = std::get_if<Json>(&answer);
     if (place == nullptr) return found(nullptr);
@@ -221,7 +222,7 @@ void Swaps::find_line(const Transaction& swap, std::uint64_t offset, bool placed
 }
 
 // The source line of a law fault in the Spine. This event comes after the event of the fault.
-void Swaps::locate(const Transaction& swap, std::uint32_t offset, LawLifecycle::Found found) {
+void Swaps::locate(const SwapState& swap, std::uint32_t offset, LawLifecycle::Found found) {
   const auto tell = [this, id = swap.request_id(), law = swap.compiled().law,
                      found = std::move(found)](const Json& place) {
     if (place.is_object()) {
@@ -236,7 +237,7 @@ void Swaps::locate(const Transaction& swap, std::uint32_t offset, LawLifecycle::
 
 // The last certificate before the answer, the answer, and who follows the law from here.
 void Swaps::finish(Entry entry) {
-  Transaction& swap = entry.swap;
+  SwapState& swap = entry.swap;
   keep_record(entry);
   Json certificate = swap.certificate();
   if (!entry.record.path.empty()) certificate["certificate"] = entry.record.path.filename().string();

@@ -16,8 +16,8 @@
 #include "supervisor/link/services/trial_link.hpp"
 #include "supervisor/link/spine/commands.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
-#include "supervisor/swap/certificate/record.hpp"
-#include "supervisor/swap/certificate/transaction.hpp"
+#include "supervisor/swap/certificate/certificate_files.hpp"
+#include "supervisor/swap/certificate/swap_state.hpp"
 #include "supervisor/swap/law_lifecycle.hpp"
 #include "supervisor/swap/param_changes.hpp"
 #include "supervisor/swap/placement.hpp"
@@ -44,7 +44,7 @@ class Swaps {
     EventLog& log;
   };
 
-  Swaps(const Helpers& helpers, RecordBook book, std::uint64_t first_request_id, const robot::RobotConfig& robot);
+  Swaps(const Helpers& helpers, CertificateFiles book, std::uint64_t first_request_id, const robot::RobotConfig& robot);
 
   // How a resident law did (LawLifecycle::score_of).
   Json score_of(std::uint32_t law_id) const { return lifecycle_.score_of(law_id); }
@@ -64,7 +64,7 @@ class Swaps {
   // The robot stops, or the Spine has ended. A law that was committed by then is answered as committed.
   void refuse_all(const Refusal& reason, std::int64_t now_ns);
   // The last try to write certificates that wait for room on the disk; says which are lost. After refuse_all().
-  void write_last_records(std::int64_t now_ns);
+  void write_last_certificates(std::int64_t now_ns);
   // True while an answer in shared memory is expected, for which poll() does not wake up: call serve() every
   // millisecond then.
   bool waiting() const { return head_ && head_->swap.reached(Stage::tried); }
@@ -78,14 +78,14 @@ class Swaps {
   // Folder of the certificates.
   const std::filesystem::path& records() const { return book_.folder(); }
   // Why certificates cannot be written, or which were lost; null when all are on disk.
-  Json records_trouble() const;
+  Json certificates_error() const;
 
  private:
   // A swap that waits, is under way, or timed out while the Spine had its law.
   struct Entry {
-    Transaction swap;
+    SwapState swap;
     Callback callback;
-    RecordBook::Page record = {};
+    CertificateFiles::Page record = {};
     std::string record_lost = "";  // why there is no file; empty = there is one
   };
   // What the Spine has said about the law of the head.
@@ -107,21 +107,21 @@ class Swaps {
   };
 
   // swap.cpp: the swap at the head of the queue, from its source text to its commit.
-  Sequence swap_law(Transaction& swap);
-  void refuse(Transaction& swap, const Refusal& reason);
-  void give_up(Transaction& swap, const Refusal& reason);
-  Sequence::Reply<Compiled> compile(const Transaction& swap);
-  void admitted(Transaction& swap, Compiled compiled);
-  Sequence::Reply<Placed> place(const Transaction& swap);
-  void placed(Transaction& swap, const Placed& where);
-  Sequence::Reply<std::string> attempt(const Transaction& swap);
-  TrialRequest request_of(const Transaction& swap) const;
-  std::variant<std::string, Refusal> tried(Transaction& swap, const Answer& answer);
-  Sequence::Reply<Json> line_of_crash(const Transaction& swap, const Refusal& refusal);
-  void find_line_of_nan(const Transaction& swap, LawLifecycle::Found found);
-  std::optional<Refusal> stage(Transaction& swap);
-  Sequence::Until spine_reaches(Stage stage, const Transaction& swap);
-  void mark_heard(Transaction& swap) const;
+  Sequence swap_law(SwapState& swap);
+  void refuse(SwapState& swap, const Refusal& reason);
+  void give_up(SwapState& swap, const Refusal& reason);
+  Sequence::Reply<Compiled> compile(const SwapState& swap);
+  void admitted(SwapState& swap, Compiled compiled);
+  Sequence::Reply<Placed> place(const SwapState& swap);
+  void placed(SwapState& swap, const Placed& where);
+  Sequence::Reply<std::string> attempt(const SwapState& swap);
+  TrialRequest request_of(const SwapState& swap) const;
+  std::variant<std::string, Refusal> tried(SwapState& swap, const Answer& answer);
+  Sequence::Reply<Json> line_of_crash(const SwapState& swap, const Refusal& refusal);
+  void find_line_of_nan(const SwapState& swap, LawLifecycle::Found found);
+  std::optional<Refusal> stage(SwapState& swap);
+  Sequence::Until spine_reaches(Stage stage, const SwapState& swap);
+  void mark_heard(SwapState& swap) const;
 
   // swap_events.cpp: what the Spine says.
   void look(std::int64_t now_ns);
@@ -140,20 +140,20 @@ class Swaps {
   void go_on(std::int64_t now_ns);
   void settle();
   void finish(Entry entry);
-  void find_line(const Transaction& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found);
-  void locate(const Transaction& swap, std::uint32_t offset, LawLifecycle::Found found);
-  void remember(const Transaction& swap);
+  void find_line(const SwapState& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found);
+  void locate(const SwapState& swap, std::uint32_t offset, LawLifecycle::Found found);
+  void remember(const SwapState& swap);
   void keep_record(Entry& entry);
   void drop_old_sources();
-  void rewrite(const Transaction& swap, const RecordBook::Page& record);
-  void note(const Transaction& swap, const char* kind, const std::string& text);
+  void rewrite(const SwapState& swap, const CertificateFiles::Page& record);
+  void note(const SwapState& swap, const char* kind, const std::string& text);
   std::uint64_t missed_releases() const;
   std::optional<Refusal> no_shadow(const SwapTerms& terms) const;
 
   Helpers help_;
   Placement placement_;
-  RecordBook book_;
-  LateRecords late_;
+  CertificateFiles book_;
+  LateCertificates late_;
   LawTexts sources_;
   std::string write_failed_;  // why the last certificate could not be written; empty = it was written
   Json last_ = nullptr;

@@ -35,7 +35,7 @@ class SwapsTest : public SpineRig {
     commands_.emplace(*link_, 1);
     lawd_.open_gates();
     ASSERT_TRUE(lawd_.start(monotonic_ns()));
-    swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, RecordBook(dir_), kFirst,
+    swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, CertificateFiles(dir_), kFirst,
                    robot::RobotConfig{});
   }
   void TearDown() override { fs::remove_all(dir_); }
@@ -135,7 +135,7 @@ TEST_F(SwapsTest, ALawThatTookTheSpineAlongIsCertifiedAsCommitted) {
 }
 
 TEST_F(SwapsTest, TheTextOfALawThatRanStaysWhenOlderOnesGo) {
-  swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, RecordBook(dir_, 1), kFirst,
+  swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, CertificateFiles(dir_, 1), kFirst,
                  robot::RobotConfig{});
   ask();
   commits(7, 500);

@@ -14,7 +14,7 @@ Json run(std::vector<double> plain_rad, std::vector<double> rough_rad, int ticks
           {"rough", {{"ticks", rough_ticks}, {"joint_rms_error_rad", std::move(rough_rad)}}}};
 }
 
-TEST(WorseJoints, AreNamedWithBothNumbersAndTheRide) {
+TEST(WorseJoints, AreNamedWithBothNumbersAndTheRun) {
   const Words found =
       worse_joints(run({0.1, 0.02}, {0.1, 0.2}), run({0.05, 0.02}, {0.1, 0.02}), "under pd", {"hip", "knee"});
   EXPECT_EQ(

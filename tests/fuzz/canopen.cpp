@@ -88,7 +88,7 @@ void other_frames(Input& input) {
     require(!emergency || (node_of(frame) >= 1 && frame.size == 8), "an emergency is somebody's");
     now_ns += input.byte() * 1'000'000;
     consumer.set_timeout(input.byte() * 1'000'000);
-    if (beat) consumer.beat(now_ns);
+    if (beat) consumer.received(now_ns);
     require(!consumer.lost(now_ns) || !beat || consumer.deadline_ns() > now_ns, "what beats is not lost");
   }
 }

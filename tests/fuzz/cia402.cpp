@@ -141,7 +141,7 @@ void demands(const DriverParams& params, Input& input) {
     last.position_rad = input.real();
     last.velocity_rad_s = input.real();
     if (!is_sound(command) || !std::isfinite(last.position_rad) || !std::isfinite(last.velocity_rad_s)) continue;
-    const RawDemand raw = demand_of.next(command, last);
+    const RawSetpoint raw = demand_of.next(command, last);
     const double target = static_cast<std::int32_t>(raw.target);
     const double limit_nm = std::clamp(command.max_torque_nm, 0.0, params.torque_max_nm);
     const double limit = 1000 * limit_nm / params.joint.ratio / params.rated_torque_nm + 0.5;

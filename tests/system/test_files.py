@@ -86,22 +86,22 @@ def test_a_limit_reached_while_the_robot_runs_costs_certificates_only_for_so_lon
     resource.prlimit(supervisor, resource.RLIMIT_FSIZE, (200, resource.RLIM_INFINITY))
     done = arm.ask("swap", HOLD)
     assert done["verdict"] == "committed" and "cannot write" in done["record_lost"]
-    assert "limit" in arm.ask("status")["records_trouble"]
+    assert "limit" in arm.ask("status")["certificates_error"]
     assert "CERTIFICATES" in arm.lithe("status").stdout
     resource.prlimit(supervisor, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     arm.wait_for(lambda: any(each["request_id"] == done["request_id"] for each in certificates(arm)))
-    arm.wait_for(lambda: arm.ask("status")["records_trouble"] is None)
+    arm.wait_for(lambda: arm.ask("status")["certificates_error"] is None)
 
 
 def test_certificates_come_back_when_their_folder_was_removed(arm: RobotRig) -> None:
     """With a chain that holds, and `status` says that something is gone."""
     arm.ask("swap", HOLD)
-    assert arm.ask("status")["records_trouble"] is None
+    assert arm.ask("status")["certificates_error"] is None
     shutil.rmtree(arm.dir / "out")
     done = arm.ask("swap", PD)
     assert "record_lost" not in done
     assert any(each["request_id"] == done["request_id"] for each in certificates(arm))
-    assert "was removed" in arm.ask("status")["records_trouble"]
+    assert "was removed" in arm.ask("status")["certificates_error"]
     assert "was removed" in arm.lithe("status").stdout
     arm.ask("swap", HOLD)
     assert arm.lithe("law", "verify", "--folder", folder(arm)).returncode == 0

@@ -32,7 +32,7 @@ def test_a_crash_is_kept_with_a_second_before_and_after(arm: RobotRig) -> None:
 
     def kept() -> list[int]:
         answer = arm.raw(json.dumps({"verb": "incidents", "id": 1}).encode() + b"\n")["result"]
-        assert answer["trouble"] is None
+        assert answer["problem"] is None
         return [each["id"] for each in answer["incidents"] if each["kind"] == "law_faulted"]
 
     arm.wait_for(lambda: len(kept()) == 1)

@@ -32,7 +32,7 @@ struct TrialSetup {
   RawClock clock;
   int run_ms = 0;  // of the processor, which both runs take without a law; a law's take it again
   std::unique_ptr<load::ArenaStore> arena;  // null = there is none
-  bool walled = false;                      // allow_trials_only() holds for the zygote, and so for its children
+  bool filtered = false;                    // allow_trials_only() holds for the zygote, and so for its children
 
   std::uint32_t joints() const { return static_cast<std::uint32_t>(robot.joints.size()); }
   std::int64_t period_ns() const { return static_cast<std::int64_t>(1e9 / robot.rate_hz); }

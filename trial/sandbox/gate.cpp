@@ -37,7 +37,7 @@ long ask_kernel(long number, long first, long second, long third) noexcept {
   return lithe_trial_gate(number, first, second, third);
 }
 
-Result<> shut_all_but_the_gate() {
+Result<> block_system_calls() {
   constexpr unsigned long kOn = 1;
   const auto from = reinterpret_cast<std::uintptr_t>(&lithe_trial_gate);
   const std::uintptr_t bytes = reinterpret_cast<std::uintptr_t>(&lithe_trial_gate_end) - from;
@@ -52,7 +52,7 @@ long ask_kernel(long number, long first, long second, long third) noexcept {
   return got < 0 ? -errno : got;
 }
 
-Result<> shut_all_but_the_gate() { return Error{"syscall user dispatch exists on x86 only"}; }
+Result<> block_system_calls() { return Error{"syscall user dispatch exists on x86 only"}; }
 
 #endif
 

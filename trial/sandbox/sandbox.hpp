@@ -60,7 +60,7 @@ long ask_kernel(long number, long first = 0, long second = 0, long third = 0) no
 // From now on and for good, a system call from any other instruction raises SIGSYS (Linux' syscall user dispatch,
 // without a switch). A law that jumps to this instruction on purpose is still limited by allow_trials_only(). x86 only.
 // Contract: in the child; its signal handlers must end it, because they cannot return any more
-Result<> shut_all_but_the_gate();
+Result<> block_system_calls();
 
 // In the parent, once, before the first child: from now on it and its children can fork, set limits, read files, write
 // to open descriptors, map memory and send signals. No network, no other program, no writing of files.

@@ -6,7 +6,7 @@
 #include <cstdio>
 #include <string>
 
-#include "spine/core/test/emulation.hpp"
+#include "spine/core/test/emulation_rig.hpp"
 #include "spine/law/tremor.hpp"
 #include "spine/robot/robot.hpp"
 #include "trial/zygote.hpp"

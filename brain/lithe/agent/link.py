@@ -197,7 +197,7 @@ class Link:
         return told, motions_of({name: values[columns["mode"] == Mode.active] for name, values in columns.items()})
 
     def swap(self, source: str, name: str) -> Outcome:
-        """The law through the whole transaction, always with probation. Never raises Refused: that is an outcome."""
+        """The law through the whole swap, always with probation. Never raises Refused: that is an outcome."""
         before, earlier = self.law_id(), self._last_swap().get("request_id")
         return self._swapped(source, name, before, earlier)
 

@@ -176,7 +176,7 @@ def judge_timing(
     by Fisher's exact test; the former in pieces of the hand-overs' length.
     """
     whole, handovers = windows
-    missed = losses.with_overruns(made, records)
+    missed = losses.with_missed_deadlines(made, records)
     span, length_ns = span_of(records), BEFORE_COMMIT_NS + AFTER_COMMIT_NS
     others = losses.elsewhere(span, whole, length_ns)
     pieces = [piece for window in whole for piece in losses.elsewhere(window, [], length_ns)]

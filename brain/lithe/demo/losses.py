@@ -58,13 +58,13 @@ def releases(records: npt.NDArray[Any], period_ns: int) -> Releases:
     )
 
 
-def with_overruns(made: Releases, records: npt.NDArray[Any]) -> Releases:
+def with_missed_deadlines(made: Releases, records: npt.NDArray[Any]) -> Releases:
     """The same releases; those whose tick ended after its deadline count as missed too, though none was skipped."""
     due_ns = records["release_ns"].astype(np.int64)
     # The flag comes with the next tick.
-    overran = np.roll((records["flags"] & TelemetryFlags.deadline_missed != 0) & (_skips(records) == 0), -1)
-    overran[-1:] = False
-    return replace(made, skipped=made.skipped | np.isin(made.due_ns, due_ns[overran]))
+    ended_late = np.roll((records["flags"] & TelemetryFlags.deadline_missed != 0) & (_skips(records) == 0), -1)
+    ended_late[-1:] = False
+    return replace(made, skipped=made.skipped | np.isin(made.due_ns, due_ns[ended_late]))
 
 
 def slices(span: Window, length_ns: int) -> list[Window]:

@@ -147,7 +147,7 @@ def of_stop(records: npt.NDArray[Any], evidence: Evidence, fault: str, phase: st
     """Of a run in which the robot stopped itself: whose fault that was, by what was missed in the second before."""
     stopped = np.flatnonzero(records["fault"] != 0)
     at_ns = int(records["release_ns"][stopped[0] if len(stopped) else -1]) + 1
-    made = losses.with_overruns(losses.releases(records, period_ns), records)
+    made = losses.with_missed_deadlines(losses.releases(records, period_ns), records)
     before = tally(made, [(at_ns - int(STOP_S * 1e9), at_ns)], evidence, period_ns)
     sentence = f"the robot stopped itself in phase '{phase}' ({fault}): in the second before, {_share(before)}"
     found = Verdict(inconclusive=[sentence]) if explained(before) else Verdict(falls_short=[sentence])

@@ -135,7 +135,7 @@ def as_recorded(robot: Path, data: list[Path], out: Path) -> Path:
 
 
 def swap_in(found: Found, source: str) -> bool:
-    """The winner through the whole transaction of the running robot, and its usual probation. Whether it runs on."""
+    """The winner through the whole swap of the running robot, and its usual probation. Whether it runs on."""
     import lithe
 
     with lithe.connect(writes_plans=False) as robot:  # a Brain may move it meanwhile

@@ -83,7 +83,7 @@ def test_evidence_counts_where_it_was_seen() -> None:
 
 def missed(recording: Recorder, period_ns: int) -> dict[str, float]:
     records = recording.finish()
-    made = losses.with_overruns(losses.releases(records, period_ns), records)
+    made = losses.with_missed_deadlines(losses.releases(records, period_ns), records)
     span = (int(records["release_ns"][0]), int(records["release_ns"][-1]) + 1)
     return tally(made, losses.slices(span, 1000 * MS), recording.evidence(), period_ns)
 

@@ -214,14 +214,14 @@ COMMITS = range(2_000, 14_000, 2_000)
 
 
 def run(
-    lost_before: list[int], overran: Sequence[int] = (), took_ms: int = 0, took_ticks: Sequence[int] = ()
+    lost_before: list[int], ended_late: Sequence[int] = (), took_ms: int = 0, took_ticks: Sequence[int] = ()
 ) -> dict[str, Any]:
-    """Six swaps; a release is skipped before some ticks, others overrun; the machine took so much around some ticks."""
+    """Six swaps; a release is skipped before some ticks, others end late; the machine took so much near some ticks."""
     made, told = synthetic.records(), synthetic.story()
     skipped = np.isin(made["tick"], lost_before)
     made["missed_releases"] = np.cumsum(skipped)
     made["release_ns"] = 10**12 + (made["tick"].astype(np.int64) + np.cumsum(skipped)) * 1_000_000
-    made["flags"] = np.where(skipped | np.isin(made["tick"], np.array(overran) + 1), 512, 0)  # said by the next tick
+    made["flags"] = np.where(skipped | np.isin(made["tick"], np.array(ended_late) + 1), 512, 0)  # said by the next tick
     first = told.swaps[0]
     told.swaps = [first | {"commit_tick": tick, "sent_ns": 10**12 + (tick - 300) * 1_000_000} for tick in COMMITS]
     at_ns = np.arange(10**12, 10**12 + 15 * 10**9, 50_000_000, dtype=np.int64)
@@ -234,7 +234,7 @@ def run(
 
 def test_a_run_that_misses_its_deadlines_never_holds() -> None:
     """As it was seen: 11 % of the deadlines missed, 110 ticks lost between request and commit."""
-    told = verdicts.verdict(run([], overran=list(range(5, 14_000, 9))))
+    told = verdicts.verdict(run([], ended_late=list(range(5, 14_000, 9))))
     assert told.word == "falls_short" and "11.1" in told.falls_short[0], told
     lost = [tick - 280 + i for tick in COMMITS for i in range(18)]
     told = verdicts.verdict(run(lost))

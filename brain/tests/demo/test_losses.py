@@ -15,7 +15,7 @@ from lithe.demo.losses import (
     releases,
     slices,
     tally,
-    with_overruns,
+    with_missed_deadlines,
 )
 
 MS = 1_000_000
@@ -116,7 +116,7 @@ def test_a_tick_that_ended_too_late_is_missed_as_a_skipped_one_is() -> None:
     records["flags"][[3, 5]] = 512
     made = releases(records, MS)
     assert np.flatnonzero(made.skipped).tolist() == [5]
-    assert np.flatnonzero(with_overruns(made, records).skipped).tolist() == [2, 5]
+    assert np.flatnonzero(with_missed_deadlines(made, records).skipped).tolist() == [2, 5]
 
 
 def test_slices_take_all_of_a_span() -> None:

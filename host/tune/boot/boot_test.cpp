@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "host/tune/boot/edit.hpp"
-#include "host/tune/boot/test/trees.hpp"
+#include "host/tune/boot/test/trees_rig.hpp"
 #include "spine/core/host/child.hpp"
 
 namespace lithe::host {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "host/tune/boot/test/random_boot.hpp"
+#include "host/tune/boot/test/random_boot_rig.hpp"
 
 namespace lithe::host {
 namespace {

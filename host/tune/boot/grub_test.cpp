@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "host/test/fake_root.hpp"
-#include "host/tune/boot/test/random_boot.hpp"
+#include "host/test/root_rig.hpp"
+#include "host/tune/boot/test/random_boot_rig.hpp"
 
 namespace lithe::host {
 namespace {

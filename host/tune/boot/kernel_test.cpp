@@ -6,7 +6,7 @@
 
 #include <string>
 
-#include "host/tune/boot/test/trees.hpp"
+#include "host/tune/boot/test/trees_rig.hpp"
 
 namespace lithe::host {
 namespace {

@@ -9,8 +9,8 @@
 #include <fstream>
 #include <iterator>
 
-#include "host/test/fake_machine.hpp"
-#include "host/test/fake_root.hpp"
+#include "host/test/machine_rig.hpp"
+#include "host/test/root_rig.hpp"
 #include "host/tune/journal/writer.hpp"
 
 namespace lithe::host {

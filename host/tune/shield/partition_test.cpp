@@ -16,8 +16,8 @@
 #include <memory>
 
 #include "host/read/tasks.hpp"
-#include "host/test/fake_groups.hpp"
-#include "host/test/fake_machine.hpp"
+#include "host/test/groups_rig.hpp"
+#include "host/test/machine_rig.hpp"
 #include "host/tune/shield/shield.hpp"
 #include "host/tune/tune.hpp"
 #include "spine/core/host/cores.hpp"

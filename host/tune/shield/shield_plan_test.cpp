@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "host/read/tasks.hpp"
-#include "host/test/fake_machine.hpp"
+#include "host/test/machine_rig.hpp"
 
 namespace lithe::host {
 namespace {

@@ -15,7 +15,7 @@
 #include <thread>
 
 #include "host/read/tasks.hpp"
-#include "host/test/fake_root.hpp"
+#include "host/test/root_rig.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/realtime.hpp"
 

@@ -10,7 +10,7 @@
 #include <thread>
 
 #include "spine/contain/core.hpp"
-#include "spine/contain/test/bad_laws.hpp"
+#include "spine/contain/test/bad_laws_rig.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 #include "spine/core/time.hpp"
 

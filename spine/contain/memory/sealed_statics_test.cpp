@@ -8,7 +8,7 @@
 #include <cstdint>
 
 #include "spine/contain/memory/constants.hpp"
-#include "spine/contain/test/bad_laws.hpp"
+#include "spine/contain/test/bad_laws_rig.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 
 namespace lithe::contain {

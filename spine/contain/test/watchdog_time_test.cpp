@@ -10,10 +10,10 @@
 #include <thread>
 #include <vector>
 
-#include "spine/contain/test/bad_laws.hpp"
+#include "spine/contain/test/bad_laws_rig.hpp"
 #include "spine/contain/test/contain_rig.hpp"
 #include "spine/contain/watchdog.hpp"
-#include "spine/core/test/emulation.hpp"
+#include "spine/core/test/emulation_rig.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe::contain {

@@ -51,7 +51,7 @@ bool parse_emergency(const Frame& frame, Emergency& what) LITHE_RT {
 
 bool HeartbeatProducer::due(std::int64_t now_ns) LITHE_RT {
   if (period_ns_ <= 0 || (started_ && now_ns < next_ns_)) return false;
-  // Keeps the grid of the first beat, except after a long pause.
+  // Keeps the grid of the first heartbeat, except after a long pause.
   next_ns_ = started_ && now_ns - next_ns_ < period_ns_ ? next_ns_ + period_ns_ : now_ns + period_ns_;
   started_ = true;
   return true;

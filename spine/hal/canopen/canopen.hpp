@@ -131,7 +131,7 @@ class HeartbeatConsumer {
     timeout_ns_ = timeout_ns;
     watching_ = false;
   }
-  void beat(std::int64_t now_ns) LITHE_RT {
+  void received(std::int64_t now_ns) LITHE_RT {
     last_ns_ = now_ns;
     watching_ = timeout_ns_ > 0;
   }

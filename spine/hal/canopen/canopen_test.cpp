@@ -141,17 +141,17 @@ TEST(Canopen, AProducerBeatsOnItsGridAndMakesNoPauseGood) {
 
 TEST(Canopen, AConsumerWatchesFromTheFirstBeatAndTellsALossOnce) {
   HeartbeatConsumer consumer;
-  consumer.beat(0);
+  consumer.received(0);
   EXPECT_FALSE(consumer.lost(1'000 * kMs));  // it watches nobody
   consumer.set_timeout(30 * kMs);
   EXPECT_FALSE(consumer.lost(1'000 * kMs));  // nobody has beaten yet
   EXPECT_EQ(consumer.deadline_ns(), std::numeric_limits<std::int64_t>::max());
-  consumer.beat(1'000 * kMs);
+  consumer.received(1'000 * kMs);
   EXPECT_EQ(consumer.deadline_ns(), 1'030 * kMs);
   EXPECT_FALSE(consumer.lost(1'029 * kMs));
   EXPECT_TRUE(consumer.lost(1'030 * kMs));
   EXPECT_FALSE(consumer.lost(2'000 * kMs));
-  consumer.beat(2'000 * kMs);
+  consumer.received(2'000 * kMs);
   EXPECT_TRUE(consumer.lost(2'100 * kMs));
 }
 

@@ -121,7 +121,7 @@ Module::Module(const ModuleParams& params) : params_(params), setup_(params) {
 
 // From its next heartbeat on.
 void Module::watch_anew() LITHE_RT {
-  heartbeat_.set_timeout(static_cast<std::int64_t>(1e9 * kBeatsToSilence * params_.heartbeat_s));
+  heartbeat_.set_timeout(static_cast<std::int64_t>(1e9 * kHeartbeatsToSilence * params_.heartbeat_s));
 }
 
 void Module::step(const Exchange& exchange, Bus& bus) LITHE_RT {
@@ -187,7 +187,7 @@ void Module::on_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
     return;
   }
   if (state == NmtState::boot_up) return set_up_anew();  // it has lost its configuration
-  heartbeat_.beat(now_ns);
+  heartbeat_.received(now_ns);
   if (stage_ == Stage::await_boot_up && now_ns - since_ns_ >= kResetNs) stage_ = Stage::reset;
   if (stage_ != Stage::running) return;
   if (state == NmtState::operational) return tell({});

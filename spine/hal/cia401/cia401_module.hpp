@@ -91,7 +91,7 @@ class Module final : public SensorDevice {
   static constexpr std::int64_t kBootNs = 5'000'000'000;
   // A heartbeat this long after a reset: the module did not receive the reset.
   static constexpr std::int64_t kResetNs = 200'000'000;
-  static constexpr double kBeatsToSilence = 3;
+  static constexpr double kHeartbeatsToSilence = 3;
 
   explicit Module(const ModuleParams& params);
 

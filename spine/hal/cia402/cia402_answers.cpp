@@ -44,7 +44,7 @@ ReplyKind Cia402Drive::on_frame(const Frame& frame, const Exchange& exchange, Jo
 ReplyKind Cia402Drive::on_heartbeat(const Frame& frame, std::int64_t now_ns) LITHE_RT {
   NmtState state{};
   if (!canopen::parse_heartbeat(frame, state)) return ReplyKind::malformed;
-  heartbeat_.beat(now_ns);
+  heartbeat_.received(now_ns);
   const bool was_silent = std::exchange(silent_, false);
   doubted_ = (was_silent || doubted_) && state == NmtState::boot_up;
   if (state == NmtState::boot_up) {

@@ -13,7 +13,7 @@ using canopen::NmtCommand;
 
 namespace {
 
-constexpr int kBeatsToLost = 3;
+constexpr int kHeartbeatsToLost = 3;
 
 bool finite(const JointCommand& c) LITHE_RT {
   return std::isfinite(c.torque_nm) && std::isfinite(c.target_rad_s) && std::isfinite(c.kp_nm_rad) &&
@@ -29,7 +29,7 @@ Cia402Drive::Cia402Drive(const DriverParams& params)
       setup_(params),
       limiter_(params),
       units_(params.counts_per_rev, params.period_s),
-      silence_ns_(static_cast<std::int64_t>(kBeatsToLost * params.heartbeat_s * kNsPerS)) {
+      silence_ns_(static_cast<std::int64_t>(kHeartbeatsToLost * params.heartbeat_s * kNsPerS)) {
   heartbeat_.set_timeout(silence_ns_);
   set_not_ready({NotReadyKind::not_booted, {}, 0});
 }
@@ -40,7 +40,7 @@ bool Cia402Drive::command(const JointCommand& command, const Exchange& exchange,
   commanded_ = exchange.number;
   if (action == DriveAction::off) forgive();
   watch(exchange);
-  find_way_out(command, action, exchange.now_ns);
+  reset_if_needed(command, action, exchange.now_ns);
   if (stage_ == Stage::running) {
     watch_enabling(action, exchange.now_ns);
     say(command, action, bus);
@@ -89,12 +89,12 @@ void Cia402Drive::watch(const Exchange& exchange) LITHE_RT {
 
 // Resets and configures the drive again after a fault that "off" does not clear. Its motor is off. At most once in
 // kBootNs, and once for each reset of the robot.
-void Cia402Drive::find_way_out(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT {
+void Cia402Drive::reset_if_needed(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT {
   const bool clears = action == DriveAction::off && command.clear_fault;
   const bool asked = clears && !clearing_off_;
   clearing_off_ = clears;
   if (action != DriveAction::off) return;
-  // A beat that comes late is no reason yet.
+  // A heartbeat that comes late is no reason yet.
   const bool for_long = silent_ && now_ns - silent_from_ns_ >= silence_ns_ && now_ns - reset_ns_ >= kBootNs;
   const bool stuck = (stage_ == Stage::running && units_wrong_) || stage_ == Stage::refused;
   if ((stage_ == Stage::running && for_long) || (asked && stuck)) stage_ = Stage::reset;
@@ -160,8 +160,8 @@ std::string Cia402Drive::why_not_ready() const {
 void Cia402Drive::say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT {
   last_control_ = action == DriveAction::off && command.clear_fault ? clearing_word() : control_word(action);
   const bool active = last_control_ == control::kEnable && state_ == State::operation_enabled;
-  const RawDemand demand = active ? limiter_.next(command, last_) : limiter_.rest(position_raw_);
-  const std::array<std::uint32_t, 3> values{last_control_, demand.target, demand.torque};
+  const RawSetpoint setpoint = active ? limiter_.next(command, last_) : limiter_.rest(position_raw_);
+  const std::array<std::uint32_t, 3> values{last_control_, setpoint.target, setpoint.torque};
   // If the bus refuses the command, the drive still answers the SYNC and continues its last command (take_answer).
   told_ = bus.send(command_map_.pack(pdo::command_id(params_.id), values));
 }

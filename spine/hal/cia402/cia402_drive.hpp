@@ -73,7 +73,7 @@ class Cia402Drive final : public Drive {
   static constexpr std::uint64_t kVelocityAge = 2;      // commands for which a velocity may stand in for a lost one
 
   void forgive() LITHE_RT;
-  void find_way_out(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT;
+  void reset_if_needed(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT;
   void drop(const NotReadyReason& why) LITHE_RT;
   void watch(const Exchange& exchange) LITHE_RT;
   void watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT;

@@ -44,7 +44,7 @@ bool ReportClient::on_answer(const SdoClient& sdo) LITHE_RT {
 }
 
 double ReportClient::current_a() const LITHE_RT {
-  return rated_a_ > 0 ? current_share_ * rated_a_ : DriveReport::kUntold;
+  return rated_a_ > 0 ? current_share_ * rated_a_ : DriveReport::kNotReported;
 }
 
 }  // namespace lithe::hal::cia402

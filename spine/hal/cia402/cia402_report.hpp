@@ -38,9 +38,9 @@ class ReportClient {
   std::array<bool, kQuestions.size()> settled_{};  // not to be asked again
   bool asked_before_ = false;
   std::int64_t next_ns_ = 0;
-  double rated_a_ = DriveReport::kUntold;
-  double current_share_ = DriveReport::kUntold;  // of the rated current
-  double voltage_v_ = DriveReport::kUntold;
+  double rated_a_ = DriveReport::kNotReported;
+  double current_share_ = DriveReport::kNotReported;  // of the rated current
+  double voltage_v_ = DriveReport::kNotReported;
 };
 
 }  // namespace lithe::hal::cia402

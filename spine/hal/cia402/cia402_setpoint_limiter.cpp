@@ -30,14 +30,14 @@ SetpointLimiter::SetpointLimiter(const DriverParams& params)
   torque_step_nm_ = std::min(params.torque_slew_nm_s * params.period_s, params.torque_max_nm * share_step_);
 }
 
-RawDemand SetpointLimiter::rest(std::uint32_t position_raw) LITHE_RT {
+RawSetpoint SetpointLimiter::rest(std::uint32_t position_raw) LITHE_RT {
   allowed_nm_ = share_ = last_step_ = at_counts_s_ = 0;
   at_counts_ = last_wanted_ = static_cast<std::int32_t>(position_raw);
   catches_up_ = false;
   return {mode_ == Mode::position ? position_raw : 0, 0};
 }
 
-RawDemand SetpointLimiter::next(const JointCommand& command, const JointSample& last) LITHE_RT {
+RawSetpoint SetpointLimiter::next(const JointCommand& command, const JointSample& last) LITHE_RT {
   allowed_nm_ = std::min(allowed_nm_ + torque_step_nm_, torque_max_nm_);
   share_ = std::min(share_ + share_step_, 1.0);
   const double limit_nm = std::clamp(command.max_torque_nm, 0.0, allowed_nm_);

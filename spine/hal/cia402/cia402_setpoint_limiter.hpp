@@ -11,7 +11,7 @@
 namespace lithe::hal::cia402 {
 
 // In the units of its objects; two's complement in the lowest bytes.
-struct RawDemand {
+struct RawSetpoint {
   std::uint32_t target = 0;  // 607Ah, 60FFh or 6071h, by its mode
   std::uint32_t torque = 0;  // 60B2h; of a torque drive 0
 };
@@ -30,8 +30,8 @@ class SetpointLimiter {
   explicit SetpointLimiter(const DriverParams& params);
 
   // While the drive is off: resets the start of the next motion. Returns the setpoint that holds the present state.
-  RawDemand rest(std::uint32_t position_raw) LITHE_RT;
-  RawDemand next(const JointCommand& command, const JointSample& last) LITHE_RT;
+  RawSetpoint rest(std::uint32_t position_raw) LITHE_RT;
+  RawSetpoint next(const JointCommand& command, const JointSample& last) LITHE_RT;
 
  private:
   double closed_loop_nm(const JointCommand& command, const JointSample& last) const LITHE_RT;

@@ -72,7 +72,7 @@ Setup::Setup(const DriverParams& params)
     const std::uint32_t id = canopen::cob::kNoRemote | pdo::transmit_id(number, node_);
     add(Kind::write_if_there, common::kTpdo1 + number, 1, canopen::cob::kOff | id, 4);
   }
-  add(Kind::beat, 0);  // a watch begins with the first beat: the drive must not move before
+  add(Kind::heartbeat, 0);  // monitoring begins with the first heartbeat: the drive must not move before
   add(Kind::start, 0);
   add(Kind::write, object::kMode, 0, static_cast<std::uint8_t>(mode_), 1);
   add(Kind::await_mode, object::kModeDisplay);
@@ -143,10 +143,10 @@ void Setup::begin(SdoClient& client) LITHE_RT {
 bool Setup::next(std::int64_t now_ns, SdoClient& client, Frame& frame) LITHE_RT {
   if (at_ >= count_) return false;
   const Step& step = steps_[at_];
-  if (step.kind == Kind::beat || step.kind == Kind::start) {
+  if (step.kind == Kind::heartbeat || step.kind == Kind::start) {
     ++at_;
-    frame = step.kind == Kind::beat ? canopen::heartbeat_frame(host_, canopen::NmtState::operational)
-                                    : canopen::nmt_frame(canopen::NmtCommand::start, node_);
+    frame = step.kind == Kind::heartbeat ? canopen::heartbeat_frame(host_, canopen::NmtState::operational)
+                                         : canopen::nmt_frame(canopen::NmtCommand::start, node_);
     return true;
   }
   if (client.outcome() == SdoClient::Outcome::idle) {

@@ -102,7 +102,7 @@ class Setup {
     require_rating,
     limit_torque,          // in thousandths of the rating that the drive reports; it may refuse this
     require_torque_limit,  // error when the drive allows more
-    beat,                  // our heartbeat, not SDO
+    heartbeat,             // our heartbeat, not SDO
     start,                 // NMT, not SDO
     await_mode,
   };

@@ -52,12 +52,12 @@ struct Exchange {
 
 // State reported by the drive. NaN: not reported, or not yet.
 struct DriveReport {
-  static constexpr double kUntold = std::numeric_limits<double>::quiet_NaN();
+  static constexpr double kNotReported = std::numeric_limits<double>::quiet_NaN();
   wire::DriveState state = wire::DriveState::off;
-  double current_a = kUntold;         // in the motor's windings, signed like the joint's torque
-  double voltage_v = kUntold;         // of its supply
-  double power_w = kUntold;           // into its motor
-  double temperature_degc = kUntold;  // of its board
+  double current_a = kNotReported;         // in the motor's windings, signed like the joint's torque
+  double voltage_v = kNotReported;         // of its supply
+  double power_w = kNotReported;           // into its motor
+  double temperature_degc = kNotReported;  // of its board
 };
 
 // One sample of a joint, in joint coordinates.

@@ -82,7 +82,7 @@ std::uint32_t status_of(Mode mode, double fault, bool homed) LITHE_RT {
 }
 
 // A value that is not finite, or does not fit a float, is reported as NaN.
-double told(double value) LITHE_RT { return possible(value) ? value : DriveReport::kUntold; }
+double told(double value) LITHE_RT { return possible(value) ? value : DriveReport::kNotReported; }
 
 }  // namespace
 

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"

@@ -8,7 +8,7 @@
 #include <limits>
 #include <numbers>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/hal/bus/test/pty_rig.hpp"
 #include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"

@@ -167,7 +167,7 @@ TEST_F(Cia402Silence, ThatDoesNotEndIsNamedAndNotArmed) {
   EXPECT_TRUE(driven()) << why();
 }
 
-// A watch of 0.3 s against a beat that was late by a moment.
+// A watch of 0.3 s against a heartbeat that was a moment late.
 TEST_F(Cia402Silence, ThatWasShortIsForgivenWithoutAReset) {
   build();
   enable();

@@ -139,7 +139,7 @@ class TickBench {
     resident.law_id = ++next_;
     resident.request_id = next_;
     resident.terms = terms_;
-    if (slot_.active() != nullptr) law::build_bridge(resident, *slot_.active());
+    if (slot_.active() != nullptr) law::plan_migrations(resident, *slot_.active());
     EXPECT_TRUE(slot_.offer(&resident));
     return resident;
   }

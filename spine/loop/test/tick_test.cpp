@@ -4,7 +4,7 @@
 #include <cmath>
 #include <string>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/loop/test/tick_rig.hpp"
 
 namespace lithe::loop {

@@ -103,7 +103,7 @@ TEST(BrokenTwin, OneBitOfOneInputIsSeen) {
 
 TEST(BrokenTwin, AnAnswerOfTheHostIsAnInputToo) {
   const std::string found = Runs("arm").first_difference(3, [](Given& given) {
-    if (given.tick == 2050) given.troubles[0].kind = wire::LawFaultKind::overran;
+    if (given.tick == 2050) given.failures[0].kind = wire::LawFaultKind::overran;
   });
   EXPECT_TRUE(begins(found, "replay, tick 2050: ")) << found;
 }

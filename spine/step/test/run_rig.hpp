@@ -98,7 +98,7 @@ struct Given {
   const LitheLaw* law = nullptr;  // staged before this step
   law::Terms terms;
   std::array<std::int64_t, 16> times_ns{};  // the answers of the Host
-  std::array<contain::Failure, 4> troubles{};
+  std::array<contain::Failure, 4> failures{};
 
   Input input() const {
     return {.tick = tick,
@@ -124,7 +124,7 @@ class LiveHost final : public Host {
   contain::Failure run(law::Sandbox& sandbox, std::int64_t) LITHE_RT override {
     sandbox.call();
     const contain::Failure failure{++runs_ % 7001 == 0 ? wire::LawFaultKind::overran : wire::LawFaultKind::none, 0, 0};
-    if (calls_ < given_->troubles.size()) given_->troubles[calls_++] = failure;
+    if (calls_ < given_->failures.size()) given_->failures[calls_++] = failure;
     return failure;
   }
   void note_in(Given& given) {
@@ -146,7 +146,7 @@ class ReplayHost final : public Host {
   std::int64_t now_ns() LITHE_RT override { return looks_ < given_.times_ns.size() ? given_.times_ns[looks_++] : 0; }
   contain::Failure run(law::Sandbox& sandbox, std::int64_t) LITHE_RT override {
     sandbox.call();
-    return calls_ < given_.troubles.size() ? given_.troubles[calls_++] : contain::Failure{};
+    return calls_ < given_.failures.size() ? given_.failures[calls_++] : contain::Failure{};
   }
 
  private:
@@ -206,7 +206,7 @@ class Stepper {
     free->index = static_cast<std::uint32_t>(free - residents_.begin());
     free->request_id = free->law_id = ++laws_;
     free->terms = terms;
-    if (slot_.active() != nullptr) law::build_bridge(*free, *slot_.active());
+    if (slot_.active() != nullptr) law::plan_migrations(*free, *slot_.active());
     EXPECT_TRUE(slot_.offer(&*free));
   }
 

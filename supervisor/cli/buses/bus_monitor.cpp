@@ -41,7 +41,7 @@ class All final : public bus::FrameSource {
       if (parts_[turn_++ % parts_.size()]->next(captured)) return true;
     return false;
   }
-  // Parts of one Spine may have the same trouble.
+  // Parts of one Spine may have the same error.
   std::string why_down() override {
     std::set<std::string> all;
     for (const auto& part : parts_) all.insert(part->why_down());

@@ -16,7 +16,7 @@
 #include "spine/core/text.hpp"
 #include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/laws/show.hpp"
-#include "supervisor/swap/certificate/record.hpp"
+#include "supervisor/swap/certificate/certificate_files.hpp"
 
 namespace lithe::cli {
 namespace {
@@ -62,7 +62,7 @@ std::vector<fs::path> pages(const fs::path& folder) {
 }
 
 Json read(const fs::path& path) {
-  const auto text = read_regular_file(path.string(), control::kMaxRecordBytes);
+  const auto text = read_regular_file(path.string(), control::kMaxCertificateBytes);
   return Json::parse(text ? *text : "", nullptr, false);
 }
 
@@ -103,12 +103,12 @@ int law_show(const Context& context, const std::string& which, const std::string
   }
   if (source) {
     const fs::path path = fs::path(page).replace_extension(".cpp");
-    const auto text = read_regular_file(path.string(), control::kMaxRecordBytes);
+    const auto text = read_regular_file(path.string(), control::kMaxCertificateBytes);
     if (!text) {
       throw Refusal{"no_source",
                     fmt::format("cannot read {}: the texts of the newest {} swaps are kept, and those of laws that are "
                                 "loaded or ran since the supervisor started",
-                                path.string(), control::RecordBook::kMostTexts),
+                                path.string(), control::CertificateFiles::kMostTexts),
                     "lithe law show has its name and hash"};
     }
     return finish(context, {{"source", *text}}, [&text](const Json&) {

@@ -108,14 +108,14 @@ std::string shield_lines(const Json& status) {
 
 // Frames of each bus, and its errors if there were any.
 std::string bus_lines(const Json& status) {
-  const std::pair<const char*, const char*> troubles[] = {
+  const std::pair<const char*, const char*> failures[] = {
       {"refused", "refused"}, {"late", "late"},         {"malformed", "malformed"},
       {"errors", "errors"},   {"reopened", "reopened"},
   };
   std::string text;
   for (const Json& bus : status.value("buses", Json::array())) {
     std::string found;
-    for (const auto& [key, name] : troubles)
+    for (const auto& [key, name] : failures)
       if (const auto count = bus.value(key, std::uint64_t{0}); count != 0) found += fmt::format(", {} {}", count, name);
     text += fmt::format("  bus {:<12} {} frames out, {} in{}\n", word(bus, "name"), bus.value("sent", std::uint64_t{0}),
                         bus.value("received", std::uint64_t{0}), found);

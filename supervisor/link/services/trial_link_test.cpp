@@ -9,7 +9,7 @@
 #include <optional>
 #include <string>
 
-#include "spine/core/test/emulation.hpp"
+#include "spine/core/test/emulation_rig.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/link/services/lawd_link.hpp"
 

@@ -13,7 +13,7 @@
 #include <csignal>
 #include <thread>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/hal/bus/test/pty_rig.hpp"
 
 namespace lithe::hal {

@@ -5,7 +5,7 @@
 #include <memory>
 #include <utility>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/hal/bus/test/pi3hat_rig.hpp"
 #include "spine/hal/robot_hardware.hpp"
 #include "spine/robot/robot.hpp"

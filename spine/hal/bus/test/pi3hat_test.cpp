@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/hal/bus/pi3hat/pi3hat_bus.hpp"
 #include "spine/hal/bus/test/pi3hat_rig.hpp"
 #include "spine/hal/open_bus.hpp"

@@ -10,7 +10,7 @@
 #include <memory>
 #include <thread>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/hal/bus/slcan/slcan_bus.hpp"
 #include "spine/hal/bus/slcan/slcan_codec.hpp"
 #include "spine/hal/bus/test/pty_rig.hpp"

@@ -222,7 +222,7 @@ void SimCia402::hear_heartbeat(const Frame& frame, std::int64_t now_ns, FrameQue
   NmtState unused{};
   const std::uint32_t watched = dictionary_.value(common::kConsumerHeartbeat, 1) >> 16 & 0x7f;
   if (watched == 0 || canopen::node_of(frame) != watched || !canopen::parse_heartbeat(frame, unused)) return;
-  consumer_.beat(now_ns);
+  consumer_.received(now_ns);
   if (!connection_lost_) return;
   connection_lost_ = false;
   if (servo_.error_code() == emergency::kGone) tell_emergency(emergency::kGone, answers);

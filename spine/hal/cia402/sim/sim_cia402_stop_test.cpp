@@ -111,7 +111,7 @@ TEST_F(Drive402, ItsHeartbeatTellsItsState) {
   EXPECT_TRUE(wait(100).empty());
 }
 
-// What it does when nobody beats any more, by object 6007h: 0 nothing, 1 fault, 2 power off, 3 quick stop.
+// What it does when no heartbeat comes any more, by object 6007h: 0 nothing, 1 fault, 2 power off, 3 quick stop.
 TEST_F(Drive402, ALostHeartbeatDoesWhatItsOptionSays) {
   const std::array<State, 4> ends{State::operation_enabled, State::fault, State::switch_on_disabled,
                                   State::switch_on_disabled};

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <string>
 
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/hal/cia402/test/cia402_line_rig.hpp"
 
 namespace lithe::hal {

@@ -153,7 +153,7 @@ TEST_F(Cia402Safety, ADriveThatFellBackWhileItDroveLosesItsTorque) {
   command_.torque_nm[0] = 0.5;
   cycle(50);
   tell_network(canopen::NmtCommand::enter_pre_operational);
-  cycle(110);  // it beats every 100 ms
+  cycle(110);  // a heartbeat every 100 ms
   EXPECT_NE(drive().servo().state(), State::operation_enabled);
   cycle(400);
   EXPECT_NEAR(plant().torque_nm(), 0, 1e-6);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/swap/certificate/transaction.hpp"
+#include "supervisor/swap/certificate/swap_state.hpp"
 
 #include <fmt/format.h>
 
@@ -137,38 +137,38 @@ const char* to_string(Stage stage) {
   return kWords[static_cast<std::size_t>(stage)];
 }
 
-Transaction::Transaction(std::uint64_t request_id, SwapRequest request, std::int64_t now_ns)
+SwapState::SwapState(std::uint64_t request_id, SwapRequest request, std::int64_t now_ns)
     : request_id_(request_id),
       request_(std::move(request)),
       steps_{{Stage::submitted, now_ns, ""}},
       stage_since_ns_(now_ns) {}
 
-bool Transaction::enter(Stage stage, const std::string& reason, std::int64_t now_ns) {
+bool SwapState::enter(Stage stage, const std::string& reason, std::int64_t now_ns) {
   if (started_ns_ == 0 ? stage != Stage::refused || finished() : !may_follow(this->stage(), stage)) return false;
   stage_since_ns_ = std::max(now_ns, stage_since_ns_);
   steps_.push_back({stage, stage_since_ns_, reason});
   return true;
 }
 
-bool Transaction::mark_started(std::int64_t now_ns) {
+bool SwapState::mark_started(std::int64_t now_ns) {
   if (stage() != Stage::submitted || started_ns_ != 0) return false;
   started_ns_ = std::max(now_ns, stage_since_ns_);
   stage_since_ns_ = started_ns_;
   return true;
 }
 
-bool Transaction::mark_compiled(Compiled compiled, std::int64_t now_ns) {
+bool SwapState::mark_compiled(Compiled compiled, std::int64_t now_ns) {
   if (!enter(Stage::compiled, compiled.cached ? "cached" : "", now_ns)) return false;
   compiled_ = std::move(compiled);
   return true;
 }
 
-bool Transaction::mark(Stage stage, const std::string& reason, std::int64_t now_ns) {
+bool SwapState::mark(Stage stage, const std::string& reason, std::int64_t now_ns) {
   const bool brings_more = stage == Stage::compiled || stage == Stage::committed || stage == Stage::refused;
   return !brings_more && enter(stage, reason, now_ns);
 }
 
-bool Transaction::mark_committed(std::uint64_t tick, std::uint32_t law_id, std::int64_t now_ns) {
+bool SwapState::mark_committed(std::uint64_t tick, std::uint32_t law_id, std::int64_t now_ns) {
   if (!outcome_is_known()) {
     reopen();
     enter(Stage::staged, "", now_ns);  // unless this was reported before
@@ -179,21 +179,21 @@ bool Transaction::mark_committed(std::uint64_t tick, std::uint32_t law_id, std::
   return true;
 }
 
-bool Transaction::mark_refused(Refusal reason, std::int64_t now_ns) {
+bool SwapState::mark_refused(Refusal reason, std::int64_t now_ns) {
   if (!outcome_is_known()) reopen();
   if (!enter(Stage::refused, reason.code, now_ns)) return false;
   refusal_ = std::move(reason);
   return true;
 }
 
-bool Transaction::mark_given_up(Refusal reason, std::int64_t now_ns) {
+bool SwapState::mark_given_up(Refusal reason, std::int64_t now_ns) {
   if (refusal_ || !mark_refused(std::move(reason), now_ns)) return false;
   given_up_ = true;
   return true;
 }
 
 // The Spine reports later. The answer that the client got is kept.
-void Transaction::reopen() {
+void SwapState::reopen() {
   note("answered", {{"verdict", verdict()}, {"t_ns", steps_.back().t_ns}, {"error", refusal_->to_json()}});
   steps_.pop_back();
   stage_since_ns_ = steps_.back().t_ns;
@@ -202,26 +202,26 @@ void Transaction::reopen() {
 }
 
 // From stage `tried` on the request is with the Loader.
-bool Transaction::outcome_is_known() const { return !given_up_ || !reached(Stage::tried); }
+bool SwapState::outcome_is_known() const { return !given_up_ || !reached(Stage::tried); }
 
-std::int64_t Transaction::time_of(Stage stage) const {
+std::int64_t SwapState::time_of(Stage stage) const {
   const auto found = std::ranges::find_if(steps_, [&](const Step& each) { return each.stage == stage; });
   return found == steps_.end() ? 0 : found->t_ns;
 }
 
-const char* Transaction::verdict() const {
+const char* SwapState::verdict() const {
   if (refusal_) return outcome_is_known() ? "refused" : "not_confirmed";
   for (const Stage each : {Stage::measured, Stage::rolled_back, Stage::confirmed, Stage::unproven, Stage::committed})
     if (reached(each)) return to_string(each);
   return to_string(Stage::submitted);
 }
 
-double Transaction::ms_between(Stage from, Stage to) const {
+double SwapState::ms_between(Stage from, Stage to) const {
   return reached(from) && reached(to) ? ms(time_of(to) - time_of(from)) : 0.0;
 }
 
 // Duration of each stage, from the end of the stage before it.
-Json Transaction::split_ms() const {
+Json SwapState::split_ms() const {
   Json split = Json::object();
   if (started_ns_ == 0) return split;
   split["queued"] = ms(started_ns_ - steps_.front().t_ns);
@@ -235,7 +235,7 @@ Json Transaction::split_ms() const {
   return split;
 }
 
-Json Transaction::times_ns() const {
+Json SwapState::times_ns() const {
   Json times = {{"submitted", steps_.front().t_ns}};
   if (started_ns_ != 0) times["started"] = started_ns_;
   for (std::size_t i = 1; i < steps_.size(); ++i)
@@ -243,7 +243,7 @@ Json Transaction::times_ns() const {
   return times;
 }
 
-Json Transaction::certificate() const {
+Json SwapState::certificate() const {
   Json out;
   out["request_id"] = request_id_;
   out["verdict"] = verdict();

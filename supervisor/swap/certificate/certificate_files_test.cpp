@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/swap/certificate/record.hpp"
+#include "supervisor/swap/certificate/certificate_files.hpp"
 
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -23,12 +23,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class RecordTest : public testing::Test {
+class CertificateFilesTest : public testing::Test {
  protected:
-  RecordTest()
+  CertificateFilesTest()
       : dir_(fs::temp_directory_path() / ("lithe-record-" + std::to_string(::getpid()) + "-" +
                                           testing::UnitTest::GetInstance()->current_test_info()->name())) {}
-  ~RecordTest() override { fs::remove_all(dir_); }
+  ~CertificateFilesTest() override { fs::remove_all(dir_); }
   fs::path dir_;
 };
 
@@ -37,7 +37,7 @@ Json at(const fs::path& path) {
   return Json::parse(file, nullptr, false);
 }
 
-TEST_F(RecordTest, AnEmptyVariableIsLikeNone) {
+TEST_F(CertificateFilesTest, AnEmptyVariableIsLikeNone) {
   ::setenv("LITHE_OUT_DIR", "", 1);
   EXPECT_EQ(records_of("arm"), std::filesystem::absolute("out/arm/swaps"));
   ::setenv("LITHE_OUT_DIR", "/somewhere", 1);
@@ -45,39 +45,39 @@ TEST_F(RecordTest, AnEmptyVariableIsLikeNone) {
   ::unsetenv("LITHE_OUT_DIR");
 }
 
-TEST_F(RecordTest, NumbersFilesAndGoesOnWhereAnEarlierRunStopped) {
+TEST_F(CertificateFilesTest, NumbersFilesAndGoesOnWhereAnEarlierRunStopped) {
   {
-    RecordBook book(dir_ / "swaps");
+    CertificateFiles book(dir_ / "swaps");
     EXPECT_EQ(book.write({{"law", "pd"}})->path.filename(), "0001.json");
     EXPECT_EQ(book.write({{"law", "pd"}})->path.filename(), "0002.json");
   }
-  RecordBook again(dir_ / "swaps");
+  CertificateFiles again(dir_ / "swaps");
   const auto page = again.write({{"law", "hold"}});
   ASSERT_TRUE(page);
   EXPECT_EQ(page->path.filename(), "0003.json");
   EXPECT_EQ(at(page->path)["law"], "hold");
 }
 
-TEST_F(RecordTest, RewritesTheRecordItHasAndUsesNoNewNumber) {
-  RecordBook book(dir_);
+TEST_F(CertificateFilesTest, RewritesTheRecordItHasAndUsesNoNewNumber) {
+  CertificateFiles book(dir_);
   const auto page = book.write({{"verdict", "submitted"}});
   ASSERT_TRUE(page && book.rewrite(*page, {{"verdict", "committed"}}));
   EXPECT_EQ(at(page->path)["verdict"], "committed");
   EXPECT_EQ(book.write({{"verdict", "submitted"}})->path.filename(), "0002.json");
 }
 
-TEST_F(RecordTest, AFullDiskIsAnErrorAndLeavesNoFile) {
+TEST_F(CertificateFilesTest, AFullDiskIsAnErrorAndLeavesNoFile) {
   fs::create_directories(dir_);
   fs::create_symlink("/dev/full", dir_ / ("0001.json.draft.part" + std::to_string(::getpid())));
-  RecordBook book(dir_);
+  CertificateFiles book(dir_);
   const auto page = book.write({{"law", "pd"}});
   ASSERT_FALSE(page);
   EXPECT_NE(page.message().find("disk full"), std::string::npos);
   EXPECT_FALSE(fs::exists(dir_ / "0001.json"));
 }
 
-TEST_F(RecordTest, AFolderThatWasRemovedIsMadeAnewWithAChainThatHolds) {
-  RecordBook book(dir_ / "swaps");
+TEST_F(CertificateFilesTest, AFolderThatWasRemovedIsMadeAnewWithAChainThatHolds) {
+  CertificateFiles book(dir_ / "swaps");
   const auto first = book.write({{"law", "pd"}});
   const auto second = book.write({{"law", "hold"}});
   ASSERT_TRUE(first && second);
@@ -95,10 +95,10 @@ TEST_F(RecordTest, AFolderThatWasRemovedIsMadeAnewWithAChainThatHolds) {
   EXPECT_NE(book.begun_anew().find("was removed"), std::string::npos);
 }
 
-TEST_F(RecordTest, AnUnusableDirectoryIsAnError) {
+TEST_F(CertificateFilesTest, AnUnusableDirectoryIsAnError) {
   fs::create_directories(dir_);
   std::ofstream(dir_ / "file") << "x";
-  RecordBook book(dir_ / "file" / "swaps");
+  CertificateFiles book(dir_ / "file" / "swaps");
   EXPECT_FALSE(book.write(Json::object()));
 }
 
@@ -119,8 +119,8 @@ class LateTest : public testing::Test {
   }
 
   fs::path way_;
-  RecordBook book_;
-  LateRecords late_;
+  CertificateFiles book_;
+  LateCertificates late_;
 };
 
 TEST_F(LateTest, WritesTheNewestTextOnceThereIsRoomAndKeepsTheChain) {
@@ -132,12 +132,12 @@ TEST_F(LateTest, WritesTheNewestTextOnceThereIsRoomAndKeepsTheChain) {
   fs::remove(way_);
   late_.retry(book_, 2);
   EXPECT_EQ(late_.waiting(), 2U) << "not every millisecond";
-  late_.retry(book_, 1 + LateRecords::kPauseNs);
+  late_.retry(book_, 1 + LateCertificates::kPauseNs);
   EXPECT_EQ(late_.waiting(), 0U);
   EXPECT_EQ(verdict("0001.json"), "committed");
   EXPECT_EQ(verdict("0002.json"), "refused");
   late_.hold(7, {{"verdict", "confirmed"}});
-  late_.retry(book_, 1 + 2 * LateRecords::kPauseNs);
+  late_.retry(book_, 1 + 2 * LateCertificates::kPauseNs);
   EXPECT_EQ(verdict("0001.json"), "confirmed") << "the same file";
   const Chain chain = verify_chain(way_ / "swaps");
   EXPECT_TRUE(chain.problems.empty());
@@ -145,8 +145,8 @@ TEST_F(LateTest, WritesTheNewestTextOnceThereIsRoomAndKeepsTheChain) {
 }
 
 TEST_F(LateTest, HoldsABoundedNumberAndTheNewestOfThem) {
-  for (std::uint64_t id = 1; id <= LateRecords::kMost + 5; ++id) late_.hold(id, {{"verdict", std::to_string(id)}});
-  EXPECT_EQ(late_.waiting(), LateRecords::kMost);
+  for (std::uint64_t id = 1; id <= LateCertificates::kMost + 5; ++id) late_.hold(id, {{"verdict", std::to_string(id)}});
+  EXPECT_EQ(late_.waiting(), LateCertificates::kMost);
   fs::remove(way_);
   late_.retry(book_, 1);
   EXPECT_EQ(verdict("0001.json"), "6");
@@ -163,12 +163,12 @@ class ChainTest : public testing::Test {
   ChainTest()
       : dir_(fs::temp_directory_path() / ("lithe-chain-" + std::to_string(::getpid()) + "-" +
                                           testing::UnitTest::GetInstance()->current_test_info()->name())) {
-    RecordBook book(dir_);
+    CertificateFiles book(dir_);
     const auto first = book.write({{"law", "a"}});
     const auto second = book.write({{"law", "b"}});
     EXPECT_TRUE(book.rewrite(*first, {{"law", "a"}, {"verdict", "confirmed"}}));
     EXPECT_TRUE(book.rewrite(*second, {{"law", "b"}, {"verdict", "rolled_back"}}));
-    RecordBook again(dir_);
+    CertificateFiles again(dir_);
     EXPECT_TRUE(again.write({{"law", "c"}}));
   }
   ~ChainTest() override { fs::remove_all(dir_); }
@@ -224,7 +224,7 @@ TEST_F(ChainTest, ACertificateThatNobodyWroteBreaksIt) {
 }
 
 TEST_F(ChainTest, AnOlderVersionOfACertificateBreaksIt) {
-  RecordBook book(dir_);
+  CertificateFiles book(dir_);
   ASSERT_TRUE(book.write({{"law", "d"}}));
   const Json as_it_began = {{"law", "b"}, {"previous", at(dir_ / "0002.json")["previous"]}};
   std::ofstream(dir_ / "0002.json") << as_it_began.dump(2) << '\n';
@@ -284,7 +284,7 @@ TEST_F(ChainTest, AChainThatIsGoneLeavesEveryCertificateUnproven) {
 TEST_F(ChainTest, ABookThatWritesMeanwhileIsNoForger) {
   std::atomic<bool> stop{false};
   std::thread writer([&] {
-    RecordBook book(dir_);
+    CertificateFiles book(dir_);
     for (int i = 0; i < 400 && !stop; ++i) {
       const auto page = book.write({{"turn", i}});
       EXPECT_TRUE(page && book.rewrite(*page, {{"turn", i}, {"verdict", "committed"}}));
@@ -299,12 +299,12 @@ TEST_F(ChainTest, ABookThatWritesMeanwhileIsNoForger) {
 }
 
 TEST_F(ChainTest, ARunThatEndsBetweenLineAndFileBreaksNothing) {
-  RecordBook book(dir_);
+  CertificateFiles book(dir_);
   ASSERT_TRUE(book.write({{"law", "d"}}));
   fs::remove(dir_ / "0004.json");  // its line is there
   EXPECT_EQ(problems(), "");
   EXPECT_EQ(verify_chain(dir_).cut, 1U);
-  RecordBook next(dir_);
+  CertificateFiles next(dir_);
   const auto again = next.write({{"law", "e"}});
   ASSERT_TRUE(again);
   EXPECT_EQ(problems(), "");
@@ -312,14 +312,14 @@ TEST_F(ChainTest, ARunThatEndsBetweenLineAndFileBreaksNothing) {
   ASSERT_TRUE(next.rewrite(*again, {{"law", "e"}, {"verdict", "committed"}}));
   std::ofstream(again->path) << old;
   EXPECT_EQ(problems(), "") << "the last line's file did not come";
-  RecordBook after(dir_);
+  CertificateFiles after(dir_);
   ASSERT_TRUE(after.write({{"law", "f"}}));
   EXPECT_EQ(problems(), "");
 }
 
 TEST_F(ChainTest, ALineThatIsCutShortBreaksNothing) {
   std::ofstream(dir_ / "chain.jsonl", std::ios::app) << "{\"file\":\"00";
-  RecordBook book(dir_);
+  CertificateFiles book(dir_);
   ASSERT_TRUE(book.write({{"law", "d"}}));
   EXPECT_EQ(problems(), "");
   EXPECT_EQ(verify_chain(dir_).cut, 1U);
@@ -328,18 +328,18 @@ TEST_F(ChainTest, ALineThatIsCutShortBreaksNothing) {
 TEST_F(ChainTest, TheNextRunDoesNotTakeAChangedNewestCertificateForItsOwn) {
   change("0003.json", "\"c\"", "\"x\"");
   EXPECT_EQ(problems(), "changed 0003.json");
-  RecordBook book(dir_);
+  CertificateFiles book(dir_);
   ASSERT_TRUE(book.write({{"law", "d"}}));
   EXPECT_EQ(problems(), "changed 0003.json");
   change("0004.json", "\"d\"", "\"x\"");
-  RecordBook next(dir_);
+  CertificateFiles next(dir_);
   ASSERT_TRUE(next.write({{"law", "e"}}));
   EXPECT_EQ(problems(), "changed 0003.json, changed 0004.json");
 }
 
 // The disk is full for a moment, in the middle of a line; the next writing is a rewriting.
 TEST_F(ChainTest, ALineThatADiskCutIsFollowedByAWholeOne) {
-  RecordBook book(dir_);
+  CertificateFiles book(dir_);
   const auto page = book.write({{"law", "d"}});
   ASSERT_TRUE(page);
   for (const rlim_t room : {30, 0}) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/core/test/no_alloc.hpp"
+#include "spine/core/test/no_alloc_rig.hpp"
 
 #include <gtest/gtest.h>
 

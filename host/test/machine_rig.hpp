@@ -11,7 +11,7 @@
 #include <random>
 #include <string>
 
-#include "host/test/fake_root.hpp"
+#include "host/test/root_rig.hpp"
 
 namespace lithe::host {
 

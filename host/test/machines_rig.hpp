@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "host/test/fake_root.hpp"
+#include "host/test/root_rig.hpp"
 
 namespace lithe::host {
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A swap as a transaction: every way it can end, and the certificate that it leaves."""
+"""A swap: every way it can end, and the certificate that it leaves."""
 
 import hashlib
 import json

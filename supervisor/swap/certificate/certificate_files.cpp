@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/swap/certificate/record.hpp"
+#include "supervisor/swap/certificate/certificate_files.hpp"
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -41,7 +41,7 @@ std::error_code put_in_place(const fs::path& draft, const fs::path& path) {
 }
 
 std::string read(const fs::path& path) {
-  const auto text = read_regular_file(path.string(), kMaxRecordBytes);
+  const auto text = read_regular_file(path.string(), kMaxCertificateBytes);
   return text ? *text : "";
 }
 
@@ -135,7 +135,7 @@ Fits fits(const std::string& hash, const std::vector<Writing>& writings, std::si
 fs::path records_of(const std::string& robot) { return fs::absolute(out_dir()) / robot / "swaps"; }
 
 // Where an earlier run stopped.
-Result<> RecordBook::open() {
+Result<> CertificateFiles::open() {
   std::error_code failure;
   fs::create_directories(dir_, failure);
   if (failure) {
@@ -152,7 +152,7 @@ Result<> RecordBook::open() {
   return find_end();
 }
 
-Result<> RecordBook::find_end() {
+Result<> CertificateFiles::find_end() {
   std::ifstream file(dir_ / kChain, std::ios::binary);
   std::string last;
   for (std::string line; std::getline(file, line);) {
@@ -169,7 +169,7 @@ Result<> RecordBook::find_end() {
   return add_line({dir_ / name, ""}, text);
 }
 
-Result<RecordBook::Page> RecordBook::write(const Json& certificate, const std::string& source) {
+Result<CertificateFiles::Page> CertificateFiles::write(const Json& certificate, const std::string& source) {
   notice_removal();
   if (next_ == 0) {
     if (const auto opened = open(); !opened) return opened.error();
@@ -185,7 +185,7 @@ Result<RecordBook::Page> RecordBook::write(const Json& certificate, const std::s
   return page;
 }
 
-void RecordBook::drop_old_texts(const std::set<fs::path>& needed) {
+void CertificateFiles::drop_old_texts(const std::set<fs::path>& needed) {
   std::size_t old = texts_.size() - std::min(texts_.size(), most_texts_);
   std::size_t removals = kMostRemovals;
   for (auto each = texts_.begin(); old > 0 && removals > 0; --old) {
@@ -201,7 +201,7 @@ void RecordBook::drop_old_texts(const std::set<fs::path>& needed) {
 }
 
 // The numbers continue and the chain starts anew, because the old chain was removed.
-void RecordBook::notice_removal() {
+void CertificateFiles::notice_removal() {
   std::error_code failure;
   if (last_line_.empty() || fs::exists(dir_, failure) || failure) return;
   fs::create_directories(dir_, failure);
@@ -215,7 +215,7 @@ void RecordBook::notice_removal() {
 
 // The line is written before the file. After a crash in between, verify_chain finds the file as in its last line but
 // one.
-Result<> RecordBook::put(const Page& page, Json certificate) {
+Result<> CertificateFiles::put(const Page& page, Json certificate) {
   notice_removal();
   if (next_ == 0) {
     if (const auto opened = open(); !opened) return opened;
@@ -235,7 +235,7 @@ Result<> RecordBook::put(const Page& page, Json certificate) {
   return done();
 }
 
-Result<> RecordBook::add_line(const Page& page, const std::string& text) {
+Result<> CertificateFiles::add_line(const Page& page, const std::string& text) {
   const Json entry = {{"file", page.path.filename().string()}, {"sha256", sha256_hex(text)}, {"previous", last_line_}};
   const std::string line = entry.dump();
   std::ofstream chain(dir_ / kChain, std::ios::binary | std::ios::app);
@@ -261,12 +261,12 @@ fs::path LawTexts::find(const std::string& law) const {
   return found != texts_.end() ? found->second : fs::path();
 }
 
-void LateRecords::hold(std::uint64_t request_id, Json certificate) {
+void LateCertificates::hold(std::uint64_t request_id, Json certificate) {
   late_[request_id].certificate = std::move(certificate);
   if (late_.size() > kMost) late_.erase(late_.begin());
 }
 
-void LateRecords::retry(RecordBook& book, std::int64_t now_ns) {
+void LateCertificates::retry(CertificateFiles& book, std::int64_t now_ns) {
   if (now_ns < next_try_ns_ || waiting() == 0) return;
   next_try_ns_ = now_ns + kPauseNs;
   for (auto& [id, late] : late_) {
@@ -282,7 +282,7 @@ void LateRecords::retry(RecordBook& book, std::int64_t now_ns) {
   }
 }
 
-std::size_t LateRecords::waiting() const {
+std::size_t LateCertificates::waiting() const {
   return static_cast<std::size_t>(
       std::ranges::count_if(late_, [](const auto& each) { return !each.second.certificate.is_null(); }));
 }

@@ -10,24 +10,24 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/swap/certificate/record.hpp"
+#include "supervisor/swap/certificate/certificate_files.hpp"
 
 namespace lithe::control {
 namespace {
 
 namespace fs = std::filesystem;
 
-class RecordTextsTest : public testing::Test {
+class CertificateTextsTest : public testing::Test {
  protected:
-  RecordTextsTest()
+  CertificateTextsTest()
       : dir_(fs::temp_directory_path() / ("lithe-texts-" + std::to_string(::getpid()) + "-" +
                                           testing::UnitTest::GetInstance()->current_test_info()->name())) {}
-  ~RecordTextsTest() override { fs::remove_all(dir_); }
+  ~CertificateTextsTest() override { fs::remove_all(dir_); }
   fs::path dir_;
 };
 
-TEST_F(RecordTextsTest, TheTextOfALawIsBesideItsCertificateAndDisturbsNoChain) {
-  RecordBook book(dir_);
+TEST_F(CertificateTextsTest, TheTextOfALawIsBesideItsCertificateAndDisturbsNoChain) {
+  CertificateFiles book(dir_);
   const std::string law = "// a law\n";
   const auto page = book.write({{"law", "pd"}}, law);
   ASSERT_TRUE(page) << page.message();
@@ -37,15 +37,15 @@ TEST_F(RecordTextsTest, TheTextOfALawIsBesideItsCertificateAndDisturbsNoChain) {
   ASSERT_TRUE(book.write({{"law", "hold"}}));
   EXPECT_FALSE(fs::exists(dir_ / "0002.cpp"));
   EXPECT_TRUE(verify_chain(dir_).problems.empty());
-  EXPECT_EQ(RecordBook(dir_).write({{"law", "pd"}})->path.filename(), "0003.json");
+  EXPECT_EQ(CertificateFiles(dir_).write({{"law", "pd"}})->path.filename(), "0003.json");
 }
 
-TEST_F(RecordTextsTest, TheNewestTextsAndThoseThatAreNeededStayAndEveryCertificateDoes) {
+TEST_F(CertificateTextsTest, TheNewestTextsAndThoseThatAreNeededStayAndEveryCertificateDoes) {
   {
-    RecordBook earlier(dir_, 3);
+    CertificateFiles earlier(dir_, 3);
     for (int i = 0; i < 4; ++i) ASSERT_TRUE(earlier.write({{"law", "pd"}}, "// a law\n"));
   }
-  RecordBook book(dir_, 3);
+  CertificateFiles book(dir_, 3);
   ASSERT_TRUE(book.write({{"law", "pd"}}, "// a law\n"));
   const auto texts = [&] {
     std::string all;
@@ -63,12 +63,12 @@ TEST_F(RecordTextsTest, TheNewestTextsAndThoseThatAreNeededStayAndEveryCertifica
   EXPECT_EQ(verify_chain(dir_).certificates, 6U);
 }
 
-TEST_F(RecordTextsTest, ManyOldTextsAreRemovedAFewAtATime) {
+TEST_F(CertificateTextsTest, ManyOldTextsAreRemovedAFewAtATime) {
   {
-    RecordBook earlier(dir_, 100);
+    CertificateFiles earlier(dir_, 100);
     for (int i = 0; i < 20; ++i) ASSERT_TRUE(earlier.write({{"law", "pd"}}, "// a law\n"));
   }
-  RecordBook book(dir_, 3);
+  CertificateFiles book(dir_, 3);
   ASSERT_TRUE(book.write({{"law", "pd"}}));
   std::vector<std::size_t> texts;
   for (int i = 0; i < 4; ++i) {
@@ -95,10 +95,10 @@ TEST(LawTexts, TheOldestNameGoesFirstAndNotTheFirstOfTheAlphabet) {
   EXPECT_EQ(texts.all().size(), LawTexts::kMost);
 }
 
-TEST_F(RecordTextsTest, AFullDiskForTheTextIsAnErrorToo) {
+TEST_F(CertificateTextsTest, AFullDiskForTheTextIsAnErrorToo) {
   fs::create_directories(dir_);
   fs::create_symlink("/dev/full", dir_ / ("0001.cpp.part" + std::to_string(::getpid())));
-  RecordBook book(dir_);
+  CertificateFiles book(dir_);
   EXPECT_FALSE(book.write({{"law", "pd"}}, "// a law\n"));
   EXPECT_FALSE(fs::exists(dir_ / "0001.json")) << "it waits for room";
 }

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "supervisor/swap/certificate/transaction.hpp"
+#include "supervisor/swap/certificate/swap_state.hpp"
 
 #include <gtest/gtest.h>
 
 namespace lithe::control {
 namespace {
 
-Transaction fresh() { return Transaction(7, {"pd.cpp", "text"}, 1'000'000); }
+SwapState fresh() { return SwapState(7, {"pd.cpp", "text"}, 1'000'000); }
 
 Compiled pd() { return {"/x/pd.so", "abc", "pd", false, 12.5}; }
 
@@ -17,7 +17,7 @@ constexpr Stage kAll[] = {Stage::submitted,   Stage::compiled, Stage::admitted, 
                           Stage::staged,      Stage::shadow,   Stage::committed, Stage::unproven, Stage::confirmed,
                           Stage::rolled_back, Stage::retired,  Stage::refused,   Stage::measured};
 
-bool go(Transaction& swap, Stage stage, std::int64_t now_ns) {
+bool go(SwapState& swap, Stage stage, std::int64_t now_ns) {
   switch (stage) {
     case Stage::compiled:
       return swap.mark_compiled(pd(), now_ns);
@@ -30,9 +30,9 @@ bool go(Transaction& swap, Stage stage, std::int64_t now_ns) {
   }
 }
 
-// A transaction that has come to this stage the long way.
-Transaction at(Stage stage) {
-  Transaction swap = fresh();
+// The state of a swap that has come to this stage the long way.
+SwapState at(Stage stage) {
+  SwapState swap = fresh();
   swap.mark_started(2'000'000);
   std::int64_t now_ns = 2'000'000;
   for (const Stage each : kWay) {
@@ -42,8 +42,8 @@ Transaction at(Stage stage) {
   return swap;
 }
 
-TEST(Transaction, WalksTheWholeWayAndKeepsEachTimeAndReason) {
-  const Transaction swap = at(Stage::retired);
+TEST(SwapState, WalksTheWholeWayAndKeepsEachTimeAndReason) {
+  const SwapState swap = at(Stage::retired);
   const Json record = swap.certificate();
   EXPECT_EQ(record["verdict"], "rolled_back") << "what became of it, not that it is gone";
   EXPECT_EQ(record["stage"], "retired");
@@ -59,7 +59,7 @@ TEST(Transaction, WalksTheWholeWayAndKeepsEachTimeAndReason) {
   EXPECT_EQ(record["reasons"]["rolled_back"], "why");
 }
 
-TEST(Transaction, TheSplitAddsUpToTheWhole) {
+TEST(SwapState, TheSplitAddsUpToTheWhole) {
   const Json record = at(Stage::committed).certificate();
   double sum_ms = 0;
   for (const auto& [stage, part_ms] : record["split_ms"].items()) sum_ms += part_ms.get<double>();
@@ -69,17 +69,17 @@ TEST(Transaction, TheSplitAddsUpToTheWhole) {
                    record["split_ms"]["placed"].get<double>() + record["split_ms"]["staged"].get<double>());
 }
 
-TEST(Transaction, TellsTheParametersItWasAskedFor) {
+TEST(SwapState, TellsTheParametersItWasAskedFor) {
   EXPECT_FALSE(at(Stage::committed).certificate().contains("params"));
-  Transaction swap(7, {"pd.cpp", "text", {{"kp", 2.0}}}, 1);
+  SwapState swap(7, {"pd.cpp", "text", {{"kp", 2.0}}}, 1);
   EXPECT_EQ(swap.certificate()["params"]["values"]["kp"], 2.0);
   EXPECT_TRUE(swap.certificate()["params"]["taken"].is_null()) << "not known yet";
   swap.mark_refused({"busy", "", ""}, 2);
   EXPECT_EQ(swap.certificate()["params"]["taken"], false) << "they come with their law, or not at all";
 }
 
-TEST(Transaction, IsUnprovenUntilItIsConfirmed) {
-  Transaction swap = at(Stage::unproven);
+TEST(SwapState, IsUnprovenUntilItIsConfirmed) {
+  SwapState swap = at(Stage::unproven);
   EXPECT_STREQ(swap.verdict(), "unproven");
   EXPECT_EQ(swap.certificate()["reasons"]["unproven"], "why");
   EXPECT_TRUE(go(swap, Stage::confirmed, 99'000'000));
@@ -88,8 +88,8 @@ TEST(Transaction, IsUnprovenUntilItIsConfirmed) {
   EXPECT_EQ(swap.certificate()["times_ns"]["unproven"], at(Stage::unproven).certificate()["times_ns"]["unproven"]);
 }
 
-TEST(Transaction, OneThatIsOnlyMeasuredIsNeitherRefusedNorCommitted) {
-  Transaction swap = at(Stage::shadow);
+TEST(SwapState, OneThatIsOnlyMeasuredIsNeitherRefusedNorCommitted) {
+  SwapState swap = at(Stage::shadow);
   EXPECT_TRUE(swap.mark(Stage::measured, "as long as asked", 99'000'000));
   EXPECT_TRUE(swap.finished() && !swap.refusal());
   const Json record = swap.certificate();
@@ -105,7 +105,7 @@ TEST(SwapTerms, PromoteIsTrueOrFalseAndFalseSaysForHowLong) {
   EXPECT_EQ(std::get<Refusal>(read({{"shadow_s", 2}, {"promote", 0}})).code, "usage");
 }
 
-TEST(Transaction, EveryStageFollowsOnlyWhatItMay) {
+TEST(SwapState, EveryStageFollowsOnlyWhatItMay) {
   const std::pair<Stage, Stage> allowed[] = {
       {Stage::submitted, Stage::compiled},  {Stage::compiled, Stage::admitted},     {Stage::admitted, Stage::placed},
       {Stage::placed, Stage::tried},        {Stage::tried, Stage::staged},          {Stage::staged, Stage::shadow},
@@ -116,7 +116,7 @@ TEST(Transaction, EveryStageFollowsOnlyWhatItMay) {
       {Stage::rolled_back, Stage::retired}};
   for (const Stage from : kWay) {
     for (const Stage to : kAll) {
-      Transaction swap = at(from);
+      SwapState swap = at(from);
       const bool expected = (to == Stage::refused && from < Stage::committed) ||
                             std::find(std::begin(allowed), std::end(allowed), std::pair(from, to)) != std::end(allowed);
       EXPECT_EQ(go(swap, to, 99'000'000), expected) << to_string(from) << " -> " << to_string(to);
@@ -125,15 +125,15 @@ TEST(Transaction, EveryStageFollowsOnlyWhatItMay) {
   }
 }
 
-TEST(Transaction, NothingButARefusalBeforeItsTurnHasCome) {
+TEST(SwapState, NothingButARefusalBeforeItsTurnHasCome) {
   for (const Stage to : kAll) {
-    Transaction swap = fresh();
+    SwapState swap = fresh();
     EXPECT_EQ(go(swap, to, 2), to == Stage::refused) << to_string(to);
   }
 }
 
-TEST(Transaction, ARefusedOneSaysAfterWhatAndWhy) {
-  Transaction swap = at(Stage::placed);
+TEST(SwapState, ARefusedOneSaysAfterWhatAndWhy) {
+  SwapState swap = at(Stage::placed);
   ASSERT_TRUE(swap.mark_refused({"trial_failed", "no", "fix"}, 9'000'000));
   const Json record = swap.certificate();
   EXPECT_EQ(record["verdict"], "refused");
@@ -144,28 +144,28 @@ TEST(Transaction, ARefusedOneSaysAfterWhatAndWhy) {
   EXPECT_FALSE(record.contains("commit_tick"));
 }
 
-TEST(Transaction, GivingUpIsARefusalOnlyWhileTheSpineHasNotBeenAsked) {
+TEST(SwapState, GivingUpIsARefusalOnlyWhileTheSpineHasNotBeenAsked) {
   for (const char* why : {"timeout", "robot_fault", "stopping"}) {
-    Transaction early = at(Stage::placed);
+    SwapState early = at(Stage::placed);
     EXPECT_TRUE(early.mark_given_up({why, "", ""}, 9'000'000));
     EXPECT_STREQ(early.verdict(), "refused");
     EXPECT_FALSE(go(early, Stage::committed, 9'500'000)) << "nobody was asked";
     for (const Stage with_the_spine : {Stage::tried, Stage::staged, Stage::shadow}) {
-      Transaction late = at(with_the_spine);
+      SwapState late = at(with_the_spine);
       EXPECT_TRUE(late.mark_given_up({why, "", ""}, 9'000'000));
       EXPECT_STREQ(late.verdict(), "not_confirmed") << why;
       EXPECT_TRUE(late.certificate()["times_ns"].contains("not_confirmed"));
       EXPECT_FALSE(late.mark_given_up({why, "", ""}, 9'500'000)) << "once is enough";
     }
   }
-  Transaction refused = at(Stage::staged);
+  SwapState refused = at(Stage::staged);
   refused.mark_refused({"shadow_failed", "", ""}, 9'000'000);
   EXPECT_STREQ(refused.verdict(), "refused") << "the Spine itself said so";
 }
 
-TEST(Transaction, WhatTheSpineTellsLateIsWhatCounts) {
+TEST(SwapState, WhatTheSpineTellsLateIsWhatCounts) {
   for (const Stage with_the_spine : {Stage::tried, Stage::shadow}) {
-    Transaction swap = at(with_the_spine);
+    SwapState swap = at(with_the_spine);
     swap.mark_given_up({"timeout", "", ""}, 90'000'000);
     ASSERT_TRUE(go(swap, Stage::committed, 80'000'000)) << "when it was, not when it was read";
     const Json record = swap.certificate();
@@ -177,21 +177,21 @@ TEST(Transaction, WhatTheSpineTellsLateIsWhatCounts) {
     EXPECT_FALSE(record.contains("error"));
     EXPECT_TRUE(go(swap, Stage::rolled_back, 99'000'000));
   }
-  Transaction refused = at(Stage::staged);
+  SwapState refused = at(Stage::staged);
   refused.mark_given_up({"timeout", "", ""}, 90'000'000);
   ASSERT_TRUE(refused.mark_refused({"dry_run_failed", "", ""}, 95'000'000));
   EXPECT_STREQ(refused.verdict(), "refused");
   EXPECT_FALSE(go(refused, Stage::committed, 99'000'000));
 }
 
-TEST(Transaction, ATimeBeforeItsPredecessorCountsAsEqualToIt) {
-  Transaction swap = at(Stage::tried);
+TEST(SwapState, ATimeBeforeItsPredecessorCountsAsEqualToIt) {
+  SwapState swap = at(Stage::tried);
   swap.mark(Stage::staged, "", 5);
   EXPECT_EQ(swap.certificate()["split_ms"]["staged"], 0.0);
 }
 
-TEST(Transaction, CountsOnlyTheReleasesMissedWhileItWasUnderWay) {
-  Transaction swap = at(Stage::tried);
+TEST(SwapState, CountsOnlyTheReleasesMissedWhileItWasUnderWay) {
+  SwapState swap = at(Stage::tried);
   swap.note_missed_before(10);
   swap.mark(Stage::staged, "", 9'000'000);
   swap.mark_committed(9, 1, 9'000'000);
@@ -199,8 +199,8 @@ TEST(Transaction, CountsOnlyTheReleasesMissedWhileItWasUnderWay) {
   EXPECT_EQ(swap.certificate()["missed_releases"], 2);
 }
 
-TEST(Transaction, NamesItsSourceByContentAndKeepsWhatStagesFound) {
-  Transaction swap = at(Stage::compiled);
+TEST(SwapState, NamesItsSourceByContentAndKeepsWhatStagesFound) {
+  SwapState swap = at(Stage::compiled);
   swap.note("trial", {{"ok", true}});
   const Json record = swap.certificate();
   EXPECT_EQ(record["source_sha256"], "982d9e3eb996f559e633f4d194def3761d909f5a3b647d1a851fead67c32c9d1");

@@ -89,7 +89,7 @@ struct Compiled {
 
 // Contract: one thread · every transition checks the order and returns false, changing nothing, when it is not legal ·
 // times are read by several processes; one that lies before its predecessor counts as equal to it.
-class Transaction {
+class SwapState {
  public:
   struct Step {
     Stage stage;
@@ -97,7 +97,7 @@ class Transaction {
     std::string reason;
   };
 
-  Transaction(std::uint64_t request_id, SwapRequest request, std::int64_t now_ns);
+  SwapState(std::uint64_t request_id, SwapRequest request, std::int64_t now_ns);
 
   bool mark_started(std::int64_t now_ns);
   bool mark_compiled(Compiled compiled, std::int64_t now_ns);

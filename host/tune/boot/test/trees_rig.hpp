@@ -2,7 +2,7 @@
 // Boot files as the systems ship them.
 #pragma once
 
-#include "host/test/fake_root.hpp"
+#include "host/test/root_rig.hpp"
 
 namespace lithe::host::trees {
 

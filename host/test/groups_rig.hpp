@@ -6,7 +6,7 @@
 #include <fstream>
 #include <string>
 
-#include "host/test/fake_root.hpp"
+#include "host/test/root_rig.hpp"
 #include "spine/core/host/shield_group.hpp"
 
 namespace lithe::host {

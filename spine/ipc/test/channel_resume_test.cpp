@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "spine/ipc/channel.hpp"
-#include "spine/ipc/test/halfway.hpp"
+#include "spine/ipc/test/halfway_rig.hpp"
 
 namespace lithe::ipc {
 namespace {

@@ -26,18 +26,18 @@
 namespace lithe::control {
 
 inline constexpr const char* kChain = "chain.jsonl";
-inline constexpr std::size_t kMaxRecordBytes = std::size_t{16} << 20;  // limit for reading one certificate
+inline constexpr std::size_t kMaxCertificateBytes = std::size_t{16} << 20;  // limit for reading one certificate
 
-// Where the records of a robot are: below $LITHE_OUT_DIR, else below out/ of the working directory. Absolute.
+// Where the certificates of a robot are: below $LITHE_OUT_DIR, else below out/ of the working directory. Absolute.
 std::filesystem::path records_of(const std::string& robot);
 
 // Contract: one thread · a file appears complete or not at all · numbers go on where an earlier run stopped.
-class RecordBook {
+class CertificateFiles {
  public:
   static constexpr std::size_t kMostTexts = 256;
   static constexpr std::size_t kMostRemovals = 8;
 
-  explicit RecordBook(std::filesystem::path dir, std::size_t most_texts = kMostTexts)
+  explicit CertificateFiles(std::filesystem::path dir, std::size_t most_texts = kMostTexts)
       : dir_(std::move(dir)), most_texts_(most_texts) {}
 
   struct Page {
@@ -94,7 +94,7 @@ class LawTexts {
 
 // Certificates that could not be written: they wait until the disk has room, without the texts of their laws.
 // Contract: one thread · holds kMost certificates; the oldest goes when there are more.
-class LateRecords {
+class LateCertificates {
  public:
   static constexpr std::size_t kMost = 256;
   static constexpr std::int64_t kPauseNs = 1'000'000'000;  // between two tries
@@ -102,13 +102,13 @@ class LateRecords {
   // Stores the newest version of a certificate that has no file.
   void hold(std::uint64_t request_id, Json certificate);
   // Writes waiting certificates until one fails again; most calls do nothing.
-  void retry(RecordBook& book, std::int64_t now_ns);
+  void retry(CertificateFiles& book, std::int64_t now_ns);
   std::size_t waiting() const;
 
  private:
   struct Late {
     Json certificate;  // null = it has been written
-    RecordBook::Page page;
+    CertificateFiles::Page page;
   };
   std::map<std::uint64_t, Late> late_;
   std::int64_t next_try_ns_ = 0;
@@ -130,7 +130,7 @@ struct Chain {
   Json to_json() const;
 };
 
-// Reads what a RecordBook has written.
+// Reads what a CertificateFiles has written.
 // Contract: any bytes are safe · a supervisor may write at the same time · removal of the newest lines together with
 // their files is not detected
 Chain verify_chain(const std::filesystem::path& dir);

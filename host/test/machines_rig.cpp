@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/test/machines.hpp"
+#include "host/test/machines_rig.hpp"
 
 #include <initializer_list>
 #include <utility>
