@@ -3,7 +3,7 @@
 MAKEFLAGS += --no-print-directory
 PYTHON := .venv/bin/python
 JOBS ?= $(shell nproc)
-WORKERS ?= $(shell expr 3 \* $(JOBS) / 2)
+WORKERS ?= $(shell expr 2 \* $(JOBS))
 
 .PHONY: help demo no-other-demo test test-fast test-arm64 boards check check-all bench bench-isolation bench-swap soak format clean setup release
 .DEFAULT_GOAL := help

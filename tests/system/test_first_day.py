@@ -25,7 +25,7 @@ def test_a_wrong_word_is_named_with_the_nearest_right_one(rig: RobotRig) -> None
     assert "lithe help swap" in rig.lithe("swap").stderr
     assert "lithe swap" in rig.lithe("help", "swap").stdout
     assert rig.lithe("help").stdout == rig.lithe("--help").stdout
-    assert re.match(r"lithe \d+\.\d+\.\d+, layout [0-9a-f]{16}\n", rig.lithe("--version").stdout)
+    assert re.match(r"lithe \d+\.\d+\.\d+(\.dev\d+)?, layout [0-9a-f]{16}\n", rig.lithe("--version").stdout)
 
 
 def test_the_manual_page_is_one(rig: RobotRig) -> None:
