@@ -227,17 +227,18 @@ constexpr const char* kNotReady[] = {
     "device type {0} = 0x{2:08X} is profile {3}, not 402; give the robot file the id of a drive",
     "supported modes {0} = 0x{2:08X} lack the mode of the robot file; choose another mode",
     "rated torque {0} = {2} mNm is not the robot file's rated_torque_nm; correct the one that is wrong",
-    "max torque {0} = {2} thousandths of the rated torque is more than torque_max_nm, and the drive takes no less from "
-    "here: what it does by itself (quick stop, fault reaction) would have more; set it lower in the drive, or raise "
-    "torque_max_nm",
+    ("max torque {0} = {2} thousandths of the rated torque is more than torque_max_nm, and the drive takes no less "
+     "from "
+     "here: what it does by itself (quick stop, fault reaction) would have more; set it lower in the drive, or raise "
+     "torque_max_nm"),
     "mode display {0} stays at {4}; the drive does not take the mode of the robot file",
     "left the state operational by itself (now 0x{2:02X}) and is being set up again",
-    "no heartbeat (1017h); check its power and cable; while it is switched off (reset) it is reset and set up anew "
-    "every 5 s",
+    ("no heartbeat (1017h); check its power and cable; while it is switched off (reset) it is reset and set up anew "
+     "every 5 s"),
     "does not answer; stopped until it is switched off and on (reset, arm)",
     "stopped by itself (now: {5}); check torque-off inputs and limit switches, then switch it off and on (reset, arm)",
-    "cannot be switched on (now: {5}); check its power stage, torque-off inputs and brake, then switch it off and on "
-    "(reset, arm)",
+    ("cannot be switched on (now: {5}); check its power stage, torque-off inputs and brake, then switch it off and on "
+     "(reset, arm)"),
     "velocity 606Ch is {6:.3f} of how fast position 6064h changes; set the drive's velocity unit to counts per second",
 };
 constexpr const char* kNoMaxTorque =
