@@ -19,7 +19,7 @@ import pytest
 from lithe._wire import Fault, JointStatus, Mode
 from lithe.shm import dtype
 from soak import __main__ as command
-from soak import actions, growth, machine, rig, run, watch
+from soak import actions, machine, rig, run, watch
 from soak.judge import INVARIANTS, STILL_S, Broken, Joints, Judge, codes_of_the_page, corpus_stage
 
 ROOT = Path(__file__).parents[2]
@@ -198,6 +198,45 @@ def test_a_robot_without_a_way_back_is_seen(judge: Judge, monkeypatch: pytest.Mo
     stuck.processes["brain"].communicate()
 
 
+class StopsLate:
+    """A rig whose robot stops when a new Brain is started, as often as `stops` says; verbs lead back."""
+
+    def __init__(self, stops: int) -> None:
+        self.processes: dict[str, subprocess.Popen[Any]] = {}
+        self.stops, self.brains, self.mode = stops, 0, "active"
+
+    def status(self) -> dict[str, Any]:
+        return status(self.mode)
+
+    def ask(self, verb: str, **_: Any) -> tuple[str, Any]:
+        self.mode = {"reset": "disarmed", "arm": "active"}[verb]
+        return "ok", {}
+
+    def start_brain(self) -> str:
+        self.brains += 1
+        if self.brains > self.stops:
+            return ""
+        self.mode = "safe_stop"
+        return "refused_not_ready"
+
+
+@pytest.mark.parametrize("stops", [0, 1, 4])
+def test_a_stop_before_the_new_brain_is_led_back(judge: Judge, tmp_path: Path, stops: int) -> None:
+    rig = StopsLate(stops)
+    rig.out = tmp_path  # type: ignore[attr-defined]
+    soak = actions.Soak(rig, None, judge, False)  # type: ignore[arg-type]
+    soak.way_back()
+    assert (rig.mode, rig.brains) == ("active", stops + 1)
+    assert soak.codes["set_reference refused_not_ready"] == stops
+
+
+def test_a_robot_that_refuses_each_new_brain_is_seen(judge: Judge, tmp_path: Path) -> None:
+    rig = StopsLate(1000)
+    rig.out = tmp_path  # type: ignore[attr-defined]
+    soak = actions.Soak(rig, None, judge, False)  # type: ignore[arg-type]
+    assert "refused_not_ready" in breaks("way_back", soak.way_back)
+
+
 def status(mode: str, fault: str = "none", rung: str = "law", recovering: bool = False) -> dict[str, Any]:
     return {"mode": mode, "fault": fault, "recovering": recovering, "joints": [{"rung": rung}]}
 
@@ -225,34 +264,6 @@ def test_the_way_back_goes_by_verbs(where: dict[str, Any], told: str, verb: str)
 def test_what_must_hold_of_processes_can_fail(judge: Judge) -> None:
     judge.holds("processes", True, "")
     assert breaks("processes", lambda: judge.holds("processes", False, "not adopted")) == "not adopted"
-
-
-def grown(per_hour: float, noise: float = 30.0, seconds: int = 1200, lives: int = 1) -> list[growth.Sample]:
-    """Samples every five seconds of one process after the other; each fills its caches in its first minute."""
-    random = np.random.default_rng(1)
-    return [
-        (
-            life,
-            life * seconds + t,
-            20_000 + 500 * life + 3_000 * min(t / 60, 1) + per_hour * t / 3600 + random.normal(0, noise),
-        )
-        for life in range(lives)
-        for t in range(0, seconds, 5)
-    ]
-
-
-@pytest.mark.parametrize("lives", [1, 3])
-def test_a_process_that_grows_is_seen_and_one_that_only_warms_up_is_not(lives: int) -> None:
-    assert "no process" in growth.judged({"lawd_rss_kb": grown(9e4, seconds=120)})["lawd_rss_kb"]
-    told = growth.judged({"spine_rss_kb": grown(0, lives=lives)})["spine_rss_kb"]
-    assert told["low"] < 0 < told["high"] and told["high"] < 500
-    leaking = {"spine_rss_kb": grown(30_000, lives=lives)}
-    assert "spine_rss_kb grows by" in breaks("growth", lambda: growth.judged(leaking))
-    filling = growth.judged({"supervisor_rss_kb": grown(30_000, seconds=1000)})
-    assert "no process" in filling["supervisor_rss_kb"], "its log of events fills"
-    breaks("growth", lambda: growth.judged({"supervisor_rss_kb": grown(30_000, seconds=2400)}))
-    fds = {"supervisor_fds": [(1, t, 20.0 + t // 60) for t in range(0, 1200, 5)]}
-    assert "supervisor_fds" in breaks("growth", lambda: growth.judged(fds))
 
 
 def test_the_book_tells_certificates_of_this_spine_from_those_before(tmp_path: Path) -> None:
@@ -361,7 +372,7 @@ def test_a_broken_soak_names_invariant_action_seed_and_how_to_repeat_it() -> Non
     assert "--robot robots/arm.toml --seed 7 --seconds 36000 --first 12 --last 20 (or all: --first 0)" in line
     assert run.one_line(run.report(state, None, interrupted=True)).startswith("held so far")
     assert run.one_line(run.report(state, None, interrupted=False)).startswith("held: 20 actions")
-    state.series = {"spine_rss_kb": [list(each) for each in grown(30_000)]}
+    state.series = {"spine_rss_kb": [[1, t_s, 20_000 + 30_000 * t_s / 3600] for t_s in range(0, 1200, 5)]}
     assert run.report(state, None, interrupted=False)["broken"]["invariant"] == "growth"
 
 

@@ -30,6 +30,7 @@ HOSTILE = sorted((ROOT / "tests/laws_hostile").glob("*.cpp"))
 VARIANTS = 40  # of each law's text: most are compiled, some come from the cache
 DELAY = ("20'000", "5'000")  # steps after which a delayed law fails: later than its trial, which has 4000 in a row
 BACK_S, REPLACED_S = 180.0, 120.0
+BRAINS = 5  # tries to give the robot a new Brain
 PLAIN = ("arm", "disarm", "hold", "reset", "estop", "recover", "rollback", "revert_params", "sim_reset", "status")
 BUS = [{"fault": "drop", "share": 1.0}, {"fault": "drop", "share": 0.05}, {"fault": "corrupt", "share": 0.1},
        {"fault": "duplicate", "share": 0.5}, {"fault": "replay", "share": 0.5}, {"fault": "delay", "ms": 5},
@@ -83,10 +84,24 @@ class Soak:
         return self.swap(law.read_text(encoding="utf-8"), law.name, probation_s=0)
 
     def way_back(self) -> None:
-        """To mode `active`, with every joint under the law: by verbs alone."""
-        if self.rig.processes["brain"].poll() is not None:
-            self.codes["the Brain ended by itself"] += 1
-            self.rig.start_brain()
+        """To mode `active`, with every joint under the law and a Brain that moves them: by verbs alone."""
+        brain = self.rig.processes.get("brain")
+        if brain is None or brain.poll() is not None:
+            self.codes["the Brain ended by itself"] += brain is not None
+            self.new_brain()
+        self.by_verbs()
+
+    def new_brain(self) -> None:
+        """A Brain that moves the robot. Broken: its reference is refused each time, also after the verbs."""
+        for _ in range(BRAINS):
+            if not (told := self.rig.start_brain()):
+                return
+            self.codes[f"set_reference {told}"] += 1
+            self.by_verbs()
+        raise Broken("way_back", f"{BRAINS} new Brains were refused their reference, the last one with '{told}'")
+
+    def by_verbs(self) -> None:
+        """To mode `active`, whoever the Brain is."""
         began, said, told = time.monotonic(), Counter[str](), ""
         while True:
             status = self.rig.status()
@@ -186,7 +201,6 @@ def brain_kill(soak: Soak, random: Random) -> None:
     """SIGKILL; after a while another Brain comes."""
     soak.rig.end("brain")
     time.sleep(random.uniform(0, 3))
-    soak.rig.start_brain()
 
 
 def brain_freeze(soak: Soak, random: Random) -> None:
@@ -303,7 +317,7 @@ def spine_kill(soak: Soak, _: Random) -> None:
     soak.watch.forget()
     soak.rig.run()
     soak.watch.attach()
-    soak.rig.start_brain()
+    soak.rig.end("brain")
 
 
 def clock_step(soak: Soak, random: Random) -> None:

@@ -110,7 +110,6 @@ class Rig:
                 raise LitheError(f"lithe sim did not start\n  next: see {self.log.name}")
             time.sleep(0.05)
         self.run()
-        self.start_brain()
 
     def run(self) -> None:
         """`lithe run`, which adopts a Spine that ticks; returns when it answers."""
@@ -134,8 +133,11 @@ class Rig:
             self.spine = SpineView(self.name)
             self.spine_pid = int(status["spine_pid"])
 
-    def start_brain(self) -> None:
-        """A Brain that streams a sine of an eighth of each joint's range; an earlier one is ended."""
+    def start_brain(self) -> str:
+        """A Brain that streams a sine of an eighth of each joint's range; an earlier one is ended.
+
+        Returns "", or the code with which the sine was refused: the robot may have stopped since.
+        """
         self.end("brain")
         info = self.spine.info
         count = int(info["joint_count"])
@@ -151,8 +153,11 @@ class Rig:
         try:
             with Remote("127.0.0.1", port_of(brain, START_S), token) as remote:
                 remote.call("set_reference", **sine, stay=True)
+        except Refused as refused:
+            return refused.code
         except LitheError:
             raise Broken("processes", "a new Brain did not get the robot: see run.log") from None
+        return ""
 
     def ask(self, verb: str, **args: Any) -> tuple[str, Any]:
         """ "ok" and the result of a verb, or the code of its refusal and its detail."""
