@@ -20,7 +20,6 @@ MAX_COLUMNS = 120
 # A corpus: each file is one of many of a kind, complete in itself, and found by its name.
 CORPORA = {
     "tests/laws_hostile": "a law in each that must be refused or contained",
-    "tests/system": "a test of whole processes in each",
     "tests/fuzz": "a fuzzer in each",
     "docs/adr": "a decision in each, numbered and never removed",
 }

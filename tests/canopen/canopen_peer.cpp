@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Our CiA 402 driver for tests/system/test_canopen_interop.py: one drive behind an slcan adapter, driven as a robot
-// drives it.   canopen_peer DEVICE NODE torque|position|velocity
+// Our CiA 402 driver for tests/system/drives/test_canopen_interop.py: one drive behind an slcan adapter, driven as a
+// robot drives it.   canopen_peer DEVICE NODE torque|position|velocity
 // Orders are lines on the standard input: "off", "damp", "torque NM", "position RAD", "velocity RAD_S"; its end is the
 // end. A line of JSON every 20 exchanges tells how the joint is.
 #include <poll.h>

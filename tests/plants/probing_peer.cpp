@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The motions from which the demo's agent estimates a joint, without a clock: for tests/system/test_estimate.py.
+// The motions from which the demo's agent estimates a joint, without a clock: for tests/system/agents/test_estimate.py.
 //   probing_peer ROBOT.toml FIRST_NM SECOND_NM
 // The first joint follows a sine under a weak PD for 6 s and is then probed with two constant torques for 4 s each, as
 // brain/lithe/demo/agent.py does; every other joint is off. Commands leave a tick after they were computed. Standard

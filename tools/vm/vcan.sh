@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Run in the machine that tools/vm/vcan.py boots: the tests of our SocketCAN bus; then a robot whose buses are CAN
-# interfaces, from `lithe sim` to the Spine. tests/system/test_vcan.py holds its steps against what must be.
+# interfaces, from `lithe sim` to the Spine. tests/system/buses/test_vcan.py holds its steps against what must be.
 served() { grep -q "can2 socketcan vcan3" "$1"; }
 well() { grep -q '"sent"' "$1" && ! grep -q '"problems": \[$' "$1"; }
 lost() { [ "$(grep -c '"lost"[,]*$' "$1")" -ge 3 ]; }

@@ -22,7 +22,7 @@ from .moves import MARGIN_RAD
 MOST_MGL_ERROR = 0.05
 # A 95 % interval misses one time in twenty by definition, so a miss alone refutes nothing: the claim falls short when
 # the truth is beyond three times the interval, or where the interval is so wide that it says little. How often it holds
-# is measured over 50 seeds (tests/system/test_estimate.py).
+# is measured over 50 seeds (tests/system/agents/test_estimate.py).
 MOST_INTERVALS = 3.0
 MOST_HALF_WIDTH = 0.10
 MOST_EVOLVED_DEG = 3.0

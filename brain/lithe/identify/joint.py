@@ -26,7 +26,7 @@ Vector = npt.NDArray[np.float64]
 
 OVERLAP = 5  # windows that share a moment
 # Less than the 1.96 of independent errors, for the standard errors are on the safe side: they count overlapping windows
-# as one. tests/system/test_estimate.py measures how often it holds, and that half of it does not.
+# as one. tests/system/agents/test_estimate.py measures how often it holds, and that half of it does not.
 INTERVAL_SE = 1.3
 SLOPE_S, SLOPE_TICKS = 0.008, 7
 LONGEST_GAP_S = 0.02  # ticks that a busy machine skips; the arm moves smoothly through such a gap

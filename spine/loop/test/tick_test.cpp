@@ -334,7 +334,7 @@ TEST_F(TickTest, ALawsTimeBeginsAtZeroAndItsProbesLeaveWithIt) {
   EXPECT_EQ(record_.probe[1], 0.0);
 }
 
-// The default is also in docs/hardware.md; tests/system/test_limits.py compares them.
+// The default is also in docs/hardware.md; tests/system/laws/test_limits.py compares them.
 TEST(SoftStart, ARobotFileWithoutTheKeyHasHalfASecondOfIt) {
   for (const int rate_hz : {250, 1000}) {
     std::string text = kRobot;

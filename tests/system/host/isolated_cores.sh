@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Run in a machine of four cores that was booted with isolcpus=1-3: a robot whose file names no core, one whose file
 # names core 2, one that asks for a core that is not there; then one in an isolated partition of cgroup v2.
-# tests/system/test_isolated_cores.py reads the steps.
+# tests/system/host/test_isolated_cores.py reads the steps.
 running() { grep -q '"spine_core"' "$1"; }
 threads() { grep Cpus_allowed_list /proc/$(sed -n 's/^ *"spine_pid": \([0-9]*\).*/\1/p' /tmp/answer)/task/*/status; }
 start() {

@@ -5,7 +5,7 @@ import json
 import os
 from pathlib import Path
 
-from system.connections import both_connections
+from system.cli.connections import both_connections
 from system.robot_rig import ROOT, RobotRig
 
 LAW = ROOT / "laws" / "hold.cpp"

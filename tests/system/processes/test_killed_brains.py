@@ -15,7 +15,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,10 +25,10 @@ from lithe._wire import EventKind, Mode, PlanReject
 from lithe.demo import losses
 from lithe.shm import BrainWriter, SpineView
 from segments import channel_slots
+from system.robot_rig import ROOT
 
 pytestmark = pytest.mark.alone
 
-ROOT = Path(__file__).resolve().parents[2]
 BROKEN = 20  # Brains of the control
 STUCK_S = 30.0
 LONGEST_LIFE_S = 0.04  # after its first plan was accepted

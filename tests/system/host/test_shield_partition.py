@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from system.booted import booted
-from system.test_isolated_cores import pinned, robot
+from system.host.booted import booted
+from system.host.test_isolated_cores import pinned, robot
 from vm import machine
 
 SCRIPT = Path(__file__).with_name("shield_partition.sh")

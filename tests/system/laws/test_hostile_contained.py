@@ -25,8 +25,8 @@ from lithe.demo import losses
 from lithe.demo.recorder import Recorder
 from lithe.errors import Refused
 from lithe.shm import RingCursor
+from system.laws.test_hostile_admission import CORPUS, header
 from system.robot_rig import ROOT, alive
-from system.test_hostile_admission import CORPUS, header
 
 # A law goes bad this long after its first tick, not before: else the Loader's dry steps would meet it, not the tick.
 GOOD_S = 0.05

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mistakes in laws (tests/mistakes/table.toml): each gets the words that say what to write instead. No robot runs here.
 
-`python tests/system/test_mistakes.py --write` makes docs/mistakes.md from the table.
+`python tests/system/laws/test_mistakes.py --write` makes docs/mistakes.md from the table.
 """
 
 import html
@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 BIN = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build" / "release" / "bin"))
 TABLE = tomllib.loads((ROOT / "tests" / "mistakes" / "table.toml").read_text())
 BASE: str = TABLE["base"].lstrip("\n")
@@ -29,7 +29,7 @@ HEAD = """# Mistakes and what LITHE says
 
 What a law's author is told (the words that do not change), and what to write instead. `make test` sends each of these
 laws to the compile service and, where it compiles, to a trial with `robots/chain.toml`. The table is made from
-`tests/mistakes/table.toml`: `python tests/system/test_mistakes.py --write`.
+`tests/mistakes/table.toml`: `python tests/system/laws/test_mistakes.py --write`.
 
 Text around a law is taken off before it is compiled: the answer lists what, in `cleaned`, and every line keeps its
 number. What a trial says about the control of a joint (sign, damping, degrees, a steady load ...) is computed from the
@@ -199,5 +199,5 @@ def test_there_are_forty_and_the_page_has_them_all() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:] != ["--write"]:
-        sys.exit("usage: python tests/system/test_mistakes.py --write")
+        sys.exit("usage: python tests/system/laws/test_mistakes.py --write")
     DOC.write_text(render())

@@ -7,7 +7,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from system.canopen_rig import wait_for
+from system.drives.canopen_rig import wait_for
 from system.robot_rig import BIN, need
 
 NODE = 5

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from calm import calm_text
+from system.buses.test_bus_scan import FRANKENSTEIN, ROBOTS, on_wires
 from system.robot_rig import BIN, ROOT, RobotRig, need
 from system.simulated import Simulated
-from system.test_bus_scan import FRANKENSTEIN, ROBOTS, on_wires
 
 
 def monitor(rig: RobotRig, *words: object, code: int = 0) -> list[dict[str, Any]]:

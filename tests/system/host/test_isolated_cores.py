@@ -10,7 +10,7 @@ from typing import Any
 
 import calm
 import pytest
-from system.booted import booted
+from system.host.booted import booted
 from system.robot_rig import ROOT
 from vm import machine
 

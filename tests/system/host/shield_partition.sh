@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Run in a machine of four cores without isolcpus, as root: a command and a robot under a shield that is a partition of
-# cgroup v2; then a robot whose supervisor is killed. tests/system/test_shield_partition.py reads the steps.
+# cgroup v2; then a robot whose supervisor is killed. tests/system/host/test_shield_partition.py reads the steps.
 group=/sys/fs/cgroup/lithe.spine
 mask() { sed -n 's/^Cpus_allowed_list:\t//p' /proc/$1/status; }
 masks() { echo "$(mask $on_0) $(mask $on_1) $(mask $anywhere)"; }

@@ -10,8 +10,8 @@ import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
 from canopen.sdo import SdoClient
-from system.canopen_peers import NODE, OurDrive, OurDriver
-from system.canopen_rig import JoinedTerminals, ThirdPartyDrive, dictionary, network_on, wait_for
+from system.drives.canopen_peers import NODE, OurDrive, OurDriver
+from system.drives.canopen_rig import JoinedTerminals, ThirdPartyDrive, dictionary, network_on, wait_for
 
 OFF, ENABLED, FAULT = 1, 4, 7
 SILENT = ("no heartbeat", "does not answer")

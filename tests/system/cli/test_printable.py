@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from system.connections import both_connections
+from system.cli.connections import both_connections
 from system.robot_rig import ROOT, RobotRig
 from unprintable import CHARACTERS, GOOD, NO_UTF8, is_shown_as_it_is
 

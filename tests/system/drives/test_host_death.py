@@ -13,9 +13,9 @@ from pathlib import Path
 import calm
 import pytest
 from calm import connected
+from system.drives.test_sim import QUERY, Wire
 from system.robot_rig import ROOT, RobotRig
 from system.simulated import Simulated
-from system.test_sim import QUERY, Wire
 
 PATIENT = "lost_after_misses = 2000 "  # the simulated drive is a process among others here
 WATCHDOG_S = 1.0
