@@ -101,7 +101,7 @@ void Cia402Drive::reset_if_needed(const JointCommand& command, DriveAction actio
 }
 
 void Cia402Drive::watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT {
-  if (action != DriveAction::torque) was_enabled_ = followed_ = false;
+  if (action != DriveAction::torque) was_enabled_ = followed_ = resetting_ = false;
   if (action != DriveAction::torque || last_action_ != DriveAction::torque) enabling_from_ns_ = now_ns;
   if (may_enable_ && !was_enabled_ && now_ns - enabling_from_ns_ > kEnableNs)
     drop({NotReadyKind::not_enabled, {object::kStatusword, 0}, static_cast<std::uint8_t>(state_)});
@@ -169,12 +169,8 @@ void Cia402Drive::say(const JointCommand& command, DriveAction action, Bus& bus)
 std::uint16_t Cia402Drive::control_word(DriveAction action) LITHE_RT {
   if (action == DriveAction::damp) return control::kQuickStop;
   if (action != DriveAction::torque) return control::kDisableVoltage;
-  if (last_action_ == DriveAction::off) resets_left_ = state_ == State::fault ? kResetExchanges : 0;
-  if (state_ != State::fault) resets_left_ = 0;
-  if (state_ == State::fault && resets_left_ > 0) {
-    --resets_left_;
-    return control::kFaultReset;  // its bit rises once: what was said before was `off`
-  }
+  resetting_ = (resetting_ || last_action_ == DriveAction::off) && state_ == State::fault && may_enable_;
+  if (resetting_) return control::kFaultReset;  // its bit rises once: the word before was that of `off`
   if (state_ == State::fault || state_ == State::fault_reaction_active) may_enable_ = false;
   // This word lets the drive continue a ramp that it started by itself.
   return may_enable_ ? control_to_enable(state_) : control::kQuickStop;

@@ -38,7 +38,7 @@ namespace lithe::hal::cia402 {
 //   - it left `operation enabled`, or stopped following its target, without a command to do so: safe torque off (STO),
 // a
 //     limit switch, an enable input. Otherwise the motor would start by itself when that input is released.
-//   - it did not reach `operation enabled` within kEnableNs: the request timed out and is dropped
+//   - it did not reach `operation enabled` within kEnableNs, also out of a fault: the request timed out and is dropped
 //   - its heartbeat is lost. While it is off and still sends none, it is reset and set up again, at most every
 // kBootNs. It
 //     is not ready until a heartbeat is received
@@ -69,7 +69,6 @@ class Cia402Drive final : public Drive {
   static constexpr std::int64_t kBootNs = 5'000'000'000;
   // A heartbeat this long after a reset: the drive did not receive the reset.
   static constexpr std::int64_t kResetNs = 200'000'000;
-  static constexpr std::uint32_t kResetExchanges = 20;  // a fault reset that takes longer has failed
   static constexpr std::uint64_t kVelocityAge = 2;      // commands for which a velocity may stand in for a lost one
 
   void forgive() LITHE_RT;
@@ -129,7 +128,7 @@ class Cia402Drive final : public Drive {
   std::uint64_t commanded_ = 0;   // exchange in which it was commanded last
   std::uint32_t unanswered_ = 0;  // commands since the last whole answer
   std::int64_t enabling_from_ns_ = 0;
-  std::uint32_t resets_left_ = 0;
+  bool resetting_ = false;        // a fault, since `torque` followed `off`
   std::uint32_t clearing_ = 0;  // commands that were to clear a fault
 
   State state_ = State::not_ready;
