@@ -291,6 +291,18 @@ def check_way(root: Path, listed: list[str], names: str = ON_THE_WAY) -> Iterato
     yield from (f"{WAY_PAGE}: {path} defines nothing of ON_THE_WAY" for path in listed if path not in known)
 
 
+def check_test_names(paths: list[str]) -> Iterator[str]:
+    """Tests beside the sources that are not named after a unit there, and rigs that are not in a folder test/."""
+    for path in paths:
+        if path.startswith(FREE) or is_rig(path):
+            continue
+        unit = path.removesuffix("_test.cpp")
+        if unit != path and not {f"{unit}.cpp", f"{unit}.hpp"} & set(paths):
+            yield f"{path}: there is no {unit}.cpp or .hpp: name the test after its unit, or move it to a folder test/"
+        if path.endswith(("_rig.cpp", "_rig.hpp")):
+            yield f"{path}: what only tests use belongs in a folder test/"
+
+
 def check_tree(root: Path) -> list[str]:
     """Every broken rule under root."""
     problems: list[str] = []
@@ -303,6 +315,7 @@ def check_tree(root: Path) -> list[str]:
         problems += check_map(page, (root / page).read_text(), root)
     problems += check_rooms_named(page, (root / page).read_text())
     problems += check_short_form(page, (root / page).read_text())
+    problems += check_test_names(lint.tracked(root))
     problems += check_way(root, paper.paths_in(root / WAY_PAGE, WAY))
     return problems
 

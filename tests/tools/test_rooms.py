@@ -40,6 +40,27 @@ def test_a_forbidden_include_is_refused_with_its_line(path: str, line: str, reas
     assert reason in problems[0]
 
 
+def test_a_test_beside_no_unit_of_its_name_is_refused() -> None:
+    """And a rig outside a folder test/. In such a folder, and in tests/ and bench/, names are free."""
+    good = [
+        "spine/a/x.hpp",
+        "spine/a/x_test.cpp",
+        "spine/a/y.cpp",
+        "spine/a/y_test.cpp",
+        "spine/a/test/x_more_test.cpp",
+    ]
+    good += ["spine/a/test/x_rig.hpp", "tests/faults/z_test.cpp", "bench/rig/spine_rig.cpp"]
+    assert list(rooms.check_test_names(good)) == []
+    bad = ["spine/a/x_more_test.cpp", "spine/b/x_test.cpp", "spine/a/x_rig.hpp"]
+    problems = list(rooms.check_test_names([*good, *bad]))
+    advice = "name the test after its unit, or move it to a folder test/"
+    assert problems == [
+        f"spine/a/x_more_test.cpp: there is no spine/a/x_more.cpp or .hpp: {advice}",
+        f"spine/b/x_test.cpp: there is no spine/b/x.cpp or .hpp: {advice}",
+        "spine/a/x_rig.hpp: what only tests use belongs in a folder test/",
+    ]
+
+
 def test_the_allowed_directions_pass() -> None:
     text = '#include "spine/ipc/ring.hpp"\n#include "spine/law/slot.hpp"\n#include <vector>\n'
     assert list(rooms.check_cpp("spine/loop/tick.cpp", text)) == []

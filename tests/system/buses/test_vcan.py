@@ -55,7 +55,7 @@ def buses(step: machine.Step) -> dict[str, dict[str, Any]]:
 def test_frames_pass_on_a_real_interface(
     kernel: machine.Kernel, steps: dict[str, machine.Step], tell: Callable[[str], None]
 ) -> None:
-    """Classic and FD, errors, down and up, gone and back: spine/hal/bus/socketcan/socketcan_interface_test.cpp."""
+    """Classic and FD, errors, down and up, gone and back: spine/hal/bus/socketcan/test/socketcan_interface_test.cpp."""
     said = steps["program"].text
     assert "[  PASSED  ]" in said and "SKIPPED" not in said, said
     tell(f"{said.count('[       OK ]')} tests on a vcan of {kernel.image.name}")

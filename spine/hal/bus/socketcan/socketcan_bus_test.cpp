@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernel's side is a socket of the test's. What needs a CAN interface is in socketcan_interface_test.cpp.
+// The kernel's side is a socket of the test's. What needs a CAN interface is in test/socketcan_interface_test.cpp.
 #include "spine/hal/bus/socketcan/socketcan_bus.hpp"
 
 #include <gtest/gtest.h>
