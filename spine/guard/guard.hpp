@@ -52,20 +52,20 @@ struct Group {
   std::uint64_t ticks_at_rest = 0, ticks_seen_at_rest = 0;
 };
 
-// In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick; then per joint
-// soft stops, velocity, torque, slew, and last of all what still stops before the limits (Envelope). A fault of one
+// In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick. Then per joint:
+// soft stops, velocity, torque, slew, and last the torque that still stops before the limits (Envelope). A fault of one
 // joint stops the joint's group; the other groups continue under the law or stop too, as the robot file says
 // (`other_groups`). A fault that belongs to no single joint stops all joints.
 //
-// Slew: when a command replaces the one before it, the torque at the joint (feed-forward plus the drive's own PD, at
-// the position that the guard predicts for that moment) changes by at most torque_slew_nm_s / rate_hz. This holds for a
-// law, the next law of a swap, and the safe law. A drive that is asked in every Nth tick gets N such steps at once. The
-// prediction has errors: under adversarial laws the simulated joint felt up to 2.1 (arm), 2.0 (frankenstein) and
-// 4 (chain; 6 if every drive is asked in every tick at 4 to 10 kHz) times that step (tests/limits). Disarming and
-// e-stop have no slew.
+// Slew: when a command replaces the one before it, the torque at the joint changes by at most torque_slew_nm_s /
+// rate_hz. This torque is the feed-forward plus the drive's own PD, at the position that the guard predicts for that
+// moment. This holds for a law, the next law of a swap, and the safe law. A drive that is asked in every Nth tick gets
+// N such steps at once. The prediction has errors: under adversarial laws the simulated joint had larger steps
+// (tests/limits), up to 2.1 (arm), 2.0 (frankenstein) and 4 times (chain; 6 times if every drive is asked in every tick
+// at 4 to 10 kHz). Disarming and e-stop have no slew.
 //
-// A joint without a usable sample is braked by its drive, which knows its own velocity: the feed-forward fades, then
-// damping grows to safe_kd_nm_s_rad, both within the slew bound up to the speed that is a fault.
+// A joint without a usable sample is braked by its drive, which knows its own velocity. The feed-forward fades, then
+// damping grows to safe_kd_nm_s_rad. Both are within the slew bound up to the speed that is a fault.
 //
 // Contract: RT after configure() · owned by the tick thread · bounded work per joint
 class Guard {

@@ -11,8 +11,9 @@
 namespace lithe::guard {
 
 // It uses measured position and velocity only: no plan, no law, no parameters. From the speed at which it took over,
-// each joint's reference slows down by deceleration_rad_s2, or faster where that would not end before a position limit,
-// as far as torque, load and inertia allow; at rest it stays where it is (hold) or only damping is left (damp).
+// each joint's reference slows down by deceleration_rad_s2. Where that would not end before a position limit, it slows
+// down faster, as far as torque, load and inertia allow. At rest it stays where it is (hold) or only damping is left
+// (damp).
 // Contract: RT after configure() · owned by the guard · bounded work per joint
 class SafeLaw {
  public:

@@ -35,13 +35,11 @@ namespace lithe::hal::cia402 {
 //
 // Nothing but `off` followed by `torque` enables a drive again after a fault (which is reset on that edge only), a
 // restart, or any of these, which the driver reports as a fault and answers with a quick stop:
-//   - it left `operation enabled`, or stopped following its target, without a command to do so: safe torque off (STO),
-// a
+//   - it left `operation enabled`, or stopped following its target, without a command to do so: safe torque off (STO), a
 //     limit switch, an enable input. Otherwise the motor would start by itself when that input is released.
 //   - it did not reach `operation enabled` within kEnableNs, also out of a fault: the request timed out and is dropped
-//   - its heartbeat is lost. While it is off and still sends none, it is reset and set up again, at most every
-// kBootNs. It
-//     is not ready until a heartbeat is received
+//   - its heartbeat is lost. While it is off and still sends none, it is reset and set up again, at most every kBootNs.
+//     It is not ready until a heartbeat is received
 //   - it is a torque drive, and so many of its answers are missing that its joint is lost: its PD loop is closed here
 //     (SetpointLimiter), and with an old sample that would be a constant torque
 //   - its velocity contradicts its position (UnitCheck): a fault until it restarts. Off with clear_fault resets it
