@@ -35,8 +35,8 @@ namespace lithe::hal::cia402 {
 //
 // Nothing but `off` followed by `torque` enables a drive again after a fault (which is reset on that edge only), a
 // restart, or any of these, which the driver reports as a fault and answers with a quick stop:
-//   - it left `operation enabled`, or stopped following its target, without a command to do so: safe torque off (STO), a
-//     limit switch, an enable input. Otherwise the motor would start by itself when that input is released.
+//   - it left `operation enabled`, or stopped following its target, without a command to do so: safe torque off (STO),
+//     a limit switch, an enable input. Otherwise the motor would start by itself when that input is released.
 //   - it did not reach `operation enabled` within kEnableNs, also out of a fault: the request timed out and is dropped
 //   - its heartbeat is lost. While it is off and still sends none, it is reset and set up again, at most every kBootNs.
 //     It is not ready until a heartbeat is received

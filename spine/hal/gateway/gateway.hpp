@@ -5,7 +5,7 @@
 //   id      0x10400000 | node << 8 | block       node 1 to 126
 //   byte 0  sequence: counts all frames of the node, wraps
 //   byte 1  first channel
-//   2, 3    time of the sample in 100 us, wraps (little-endian, as all below): the age of the values is computed from it,
+//   2, 3    time of the sample in 100 us, wraps (little-endian, as all below): the age of the values comes from it,
 //           also when they were delayed or the sampling has stopped
 //   4 ...   analog, imu: one int16 per channel, -32768 = not valid
 //           digital: uint16 values, uint16 valid, one bit per channel; first channel 0
