@@ -12,7 +12,7 @@
 
 #include "spine/robot/config.hpp"
 #include "supervisor/events/event_log.hpp"
-#include "supervisor/link/services/trial_link.hpp"
+#include "supervisor/link/services/services.hpp"
 #include "supervisor/link/spine/commands.hpp"
 #include "supervisor/swap/certificate/swap_state.hpp"
 #include "supervisor/swap/tried_laws.hpp"

@@ -16,7 +16,7 @@
 #include "spine/core/test/emulation_rig.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/segment.hpp"
-#include "supervisor/link/services/lawd_link.hpp"
+#include "supervisor/link/services/services.hpp"
 #include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {

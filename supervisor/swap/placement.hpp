@@ -9,7 +9,7 @@
 #include "spine/arena/layout.hpp"
 #include "spine/core/host/fd.hpp"
 #include "spine/robot/config.hpp"
-#include "supervisor/link/services/lawd_link.hpp"
+#include "supervisor/link/services/services.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {

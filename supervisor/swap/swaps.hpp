@@ -12,8 +12,7 @@
 
 #include "supervisor/core/sequence.hpp"
 #include "supervisor/events/event_log.hpp"
-#include "supervisor/link/services/lawd_link.hpp"
-#include "supervisor/link/services/trial_link.hpp"
+#include "supervisor/link/services/services.hpp"
 #include "supervisor/link/spine/commands.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 #include "supervisor/swap/certificate/certificate_files.hpp"

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "supervisor/link/services/trial_link.hpp"
+#include "supervisor/link/services/services.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {

@@ -17,7 +17,7 @@
 #include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/laws/show.hpp"
 #include "supervisor/link/client/client.hpp"
-#include "supervisor/link/services/lawd_link.hpp"
+#include "supervisor/link/services/services.hpp"
 
 namespace lithe::cli {
 namespace {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Against the real compile service.
-#include "supervisor/link/services/lawd_link.hpp"
+#include "supervisor/link/services/services.hpp"
 
 #include <gtest/gtest.h>
 #include <poll.h>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Against the real trial, with objects that the real compile service has made.
-#include "supervisor/link/services/trial_link.hpp"
+#include "supervisor/link/services/services.hpp"
 
 #include <gtest/gtest.h>
 #include <poll.h>
@@ -11,7 +11,6 @@
 
 #include "spine/core/test/emulation_rig.hpp"
 #include "spine/core/time.hpp"
-#include "supervisor/link/services/lawd_link.hpp"
 
 namespace lithe::control {
 namespace {
