@@ -7,21 +7,15 @@
 
 #include "spine/core/result.hpp"
 #include "trial/core/trial_setup.hpp"
-#include "trial/sandbox/sandbox.hpp"
 
 namespace lithe::trial {
-
-// One trial. Loads the law, runs all sections, writes one Report into the pipe: at the end, or from the handler of the
-// signal that ended it. Returns the exit code of the process.
-// Contract: in a child, once
-int run_trial(const TrialSetup& setup, const TrialRequest& request, const Limits& limits, int pipe_fd);
 
 // Contract: one thread · never throws for bad input: every answer is JSON with "ok"
 class Zygote {
  public:
   // Reads the robot, calibrates the clock, drives the simulated robot once without a law, and lets the safe law stop it
-  // (ping tells what that showed). `arena_fd`: the code arena,
-  // as the supervisor hands it over, closed here; -1 or no arena = laws come as objects only.
+  // (ping tells what that showed). `arena_fd`: the code arena, as the supervisor hands it over, closed here; -1 or no
+  // arena = laws come as objects only.
   static Result<Zygote> make(const std::string& robot_path, int arena_fd);
 
   // Drops all system calls that no trial needs, for this process and its children (allow_trials_only). A child then
