@@ -2,9 +2,12 @@
 #include "lawd/service.hpp"
 
 #include <fmt/format.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
+#include <variant>
 
 #include "lawd/compile/diagnostics.hpp"
 #include "lawd/core/admission.hpp"
@@ -24,6 +27,7 @@ using nlohmann::json;
 constexpr std::size_t kMaxSourceBytes = std::size_t{1} << 20;
 constexpr std::uintmax_t kMostCacheBytes = std::uintmax_t{256} << 20;  // about 3,500 laws
 constexpr unsigned kStoresBetweenTidying = 100;
+constexpr std::size_t kMaxLinks = 64;  // two laws in every slot, and a reserve
 
 // The hash of a law in the cache; empty when it is not a valid hash.
 std::string hash_in(const json& request) {
@@ -81,10 +85,14 @@ class Laps {
 }  // namespace
 
 Service::Service(std::string cache, int arena_fd, const Limits& compiler)
-    : cache_(std::move(cache)),
-      compiler_(compiler),
-      toolchain_(find_contract_dir(), cache_),
-      placer_(toolchain_, cache_ + "/laws", arena_fd) {}
+    : cache_(std::move(cache)), compiler_(compiler), toolchain_(find_contract_dir(), cache_) {
+  Result<arena::Writer> writer = arena::Writer::attach(arena_fd);
+  if (writer)
+    arena_.emplace(std::move(*writer));
+  else
+    arena_error_ = writer.message();
+  if (arena::is_memory(arena_fd)) close(arena_fd);
+}
 
 json Service::answer(const std::string& line, bool& quit) {
   const json request = json::parse(line, nullptr, false);
@@ -92,9 +100,12 @@ json Service::answer(const std::string& line, bool& quit) {
   if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
     reply = refuse("request", "not a request: send one JSON object per line with \"id\" and \"verb\"");
   } else if (request["verb"] == "ping") {
-    reply = {{"ok", toolchain_.error().empty()},        {"text", toolchain_.error()},
-             {"precompiled", toolchain_.precompiled()}, {"precompile_ms", toolchain_.precompile_ms()},
-             {"arena", placer_.error().empty()},        {"arena_text", placer_.error()}};
+    reply = {{"ok", toolchain_.error().empty()},
+             {"text", toolchain_.error()},
+             {"precompiled", toolchain_.precompiled()},
+             {"precompile_ms", toolchain_.precompile_ms()},
+             {"arena", arena_.has_value()},
+             {"arena_text", arena_error_}};
   } else if (request["verb"] == "quit") {
     quit = true;
     reply = {{"ok", true}};
@@ -145,12 +156,13 @@ json Service::compile(const json& request) {
   return reply;
 }
 
-// A compiled law from the cache, by its hash.
+// A compiled law from the cache, by its hash, linked for the slot and written there. None of its code runs here: the
+// trial is the first to run it from the slot. No process may be running a law in this slot.
 json Service::place(const json& request) {
-  if (!placer_.error().empty()) return refuse("arena", placer_.error());
+  if (!arena_) return refuse("arena", arena_error_);
   const std::string hash = hash_in(request);
   const json slot = request.value("slot", json());
-  if (hash.empty() || !slot.is_number_unsigned() || slot > arena::kSlots) {
+  if (hash.empty() || !slot.is_number_unsigned() || slot < 1 || slot > arena::kSlots) {
     return refuse("request",
                   "place needs \"hash\", as compile answered it, and \"slot\": 1 to " + std::to_string(arena::kSlots));
   }
@@ -161,9 +173,21 @@ json Service::place(const json& request) {
   const auto object = read_file(base + ".o");
   if (!object || entry.value("placeable_sha256", "") != sha256_hex(*object))
     return refuse("cache", "the law's object in the cache is not what was admitted: compile it again");
-  json reply = placer_.place(hash, base + ".o", slot);
-  reply["place_ms"] = since_ms(start);
-  return reply;
+  const std::string key = fmt::format("{}@{}", hash, slot.get<std::uint32_t>());
+  auto linked = std::ranges::find(links_, key, &decltype(links_)::value_type::first);
+  if (linked == links_.end()) {
+    auto fresh = link_for_slot(toolchain_, cache_ + "/laws", base + ".o", *object, slot);
+    if (const json* refusal = std::get_if<json>(&fresh)) return *refusal;
+    if (links_.size() == kMaxLinks) links_.erase(links_.begin());
+    linked = links_.insert(links_.end(), {key, std::get<Linked>(std::move(fresh))});
+  }
+  arena_->place(slot, linked->second.bytes);
+  return {{"ok", true},
+          {"slot", slot},
+          {"entry", linked->second.entry},
+          {"code_bytes", linked->second.bytes.size()},
+          {"image_hash", linked->second.hash},
+          {"place_ms", since_ms(start)}};
 }
 
 // Finds the source line of an offset in such a law.
@@ -175,7 +199,7 @@ json Service::locate(const json& request) const {
                   "locate needs \"hash\", as compile answered it, and \"offset\": bytes from its slot's start");
   }
   if (!is_on(request, "placed", true)) return own_place(cache_ + "/laws/" + hash + ".so", offset);
-  return placer_.locate(cache_ + "/laws/" + hash + ".o", offset);
+  return line_in_slot(toolchain_, cache_ + "/laws", cache_ + "/laws/" + hash + ".o", offset);
 }
 
 // Compiler and linker, in a folder of their own under the cache.

@@ -1,21 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// The compile service: takes source text, returns an admitted object that has passed the dry run of 1000 steps.
+// The compile service: takes source text, returns an admitted object that has passed the dry run of 1000 steps, and
+// writes it into a slot of the arena.
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "lawd/compile/toolchain.hpp"
-#include "lawd/object/place.hpp"
+#include "lawd/object/link.hpp"
 #include "lawd/run/child.hpp"
+#include "spine/arena/arena.hpp"
 
 namespace lithe::lawd {
 
 // Contract: one thread · never throws for bad input: every answer is JSON with "ok".
 class Service {
  public:
-  // `arena_fd`: the code arena, from the supervisor; -1 = laws cannot be placed. `compiler`: limits of one compiler
-  // run.
+  // `arena_fd`: the code arena, from the supervisor, closed here after mapping, so that no child inherits it; -1 = laws
+  // cannot be placed. `compiler`: limits of one compiler run.
   explicit Service(std::string cache, int arena_fd = -1, const Limits& compiler = kCompilerLimits);
 
   // A law with five Eigen decompositions of 12 x 12 needs 700 MiB to compile.
@@ -45,7 +50,9 @@ class Service {
   unsigned stores_ = 0;
   Limits compiler_;
   Toolchain toolchain_;
-  Placer placer_;
+  std::optional<arena::Writer> arena_;
+  std::string arena_error_;                            // why there is none; empty = there is
+  std::vector<std::pair<std::string, Linked>> links_;  // newest last; a cache, because a link takes long
 };
 
 }  // namespace lithe::lawd

@@ -2,7 +2,7 @@
 """Symbols for gdb of a law that runs in the code arena: its cached object, linked for the slot in its certificate.
 
 `python tools/law_symbols.py` takes the law that runs, or the one of `out/arm/swaps/0001.json`. It writes 0001.elf
-beside the certificate and prints gdb's command. The script is lawd's own (lawd/object/place.cpp): the law's addresses
+beside the certificate and prints gdb's command. The script is lawd's own (lawd/object/link.cpp): the law's addresses
 are those at which it runs. Functions of the arena that it calls (sin) get the address of its slot.
 """
 

@@ -18,7 +18,7 @@ WAY = "From text to tick"
 ON_THE_WAY = """
     Server::read_from Verbs::handle Swaps::submit Swaps::swap_law Sequence::Until::await_suspend
     SwapState::mark_committed ServiceLink::ask LawdLink::compile Placement::place TrialLink::attempt Service::compile
-    Placer::place Zygote::attempt run_trial SpineLink Swaps::hear Loader::stage ArenaStore::load Rehearsal::prepare
+    Service::place Zygote::attempt run_trial SpineLink Swaps::hear Loader::stage ArenaStore::load Rehearsal::prepare
     Slot Spine::tick ControlStep::run Laws::swap
 """
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "lawd/object/place.hpp"
+#include "lawd/object/link.hpp"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "lawd/object/place.hpp"
+#include "lawd/object/link.hpp"
 
 #include <fmt/format.h>
 #include <gelf.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cstring>
@@ -14,6 +13,7 @@
 #include "lawd/object/admission_lines.hpp"
 #include "lawd/run/child.hpp"
 #include "lawd/run/files.hpp"
+#include "spine/arena/arena.hpp"
 #include "spine/arena/veneers.hpp"
 #include "spine/core/lookup.hpp"
 
@@ -21,8 +21,6 @@ namespace lithe::lawd {
 namespace {
 
 using nlohmann::json;
-
-constexpr std::size_t kMaxLinks = 64;  // two laws in every slot, and a reserve
 
 // The variable that a section belongs to; the section's name when no symbol is found.
 std::string owner_of(const ElfObject& object, std::uint32_t section) {
@@ -108,68 +106,34 @@ std::string why_not_placeable(std::string_view object) {
   return "";
 }
 
-Placer::Placer(const Toolchain& toolchain, std::string scratch, int arena_fd)
-    : toolchain_(toolchain), scratch_(std::move(scratch)) {
-  Result<arena::Writer> writer = arena::Writer::attach(arena_fd);
-  if (writer)
-    writer_.emplace(std::move(*writer));
-  else
-    error_ = writer.message();
-  if (arena::is_memory(arena_fd)) close(arena_fd);
-}
-
-std::optional<Placer::Failure> Placer::link(const std::string& object, std::uint32_t slot, Linked& linked) const {
-  const auto bytes = read_file(object);
-  if (!bytes) return Failure{"cache", "the compiled law is not in the cache any more: compile it again"};
-  if (const std::string why = why_not_placeable(*bytes); !why.empty()) return Failure{"place", why};
-  const ScratchDir scratch(scratch_);
-  const std::string script = scratch.path() + "/slot.ld", program = scratch.path() + "/law";
+std::variant<Linked, json> link_for_slot(const Toolchain& toolchain, const std::string& scratch,
+                                         const std::string& object, std::string_view bytes, std::uint32_t slot) {
+  if (const std::string why = why_not_placeable(bytes); !why.empty()) return refuse("place", why);
+  const ScratchDir folder(scratch);
+  const std::string script = folder.path() + "/slot.ld", program = folder.path() + "/law";
   if (!(std::ofstream(script) << script_for(slot)).flush())
-    return Failure{"cache", "cannot write into " + scratch_ + ": " + scratch.error()};
-  const Outcome outcome = run_program(toolchain_.place_command(object, script, program), Limits{});
-  if (outcome.starved) return Failure{"place", starved_text("the linker", outcome), true};
+    return refuse("cache", "cannot write into " + scratch + ": " + folder.error());
+  const Outcome outcome = run_program(toolchain.place_command(object, script, program), Limits{});
+  if (outcome.starved) return refuse_starved(starved_text("the linker", outcome));
   if (const std::string names = undefined_names(outcome.output); !names.empty()) {
-    return Failure{"place", "the law uses " + names +
-                                ", which it does not define: a law may use itself, the contract and <cmath> only"};
+    return refuse("place", "the law uses " + names +
+                               ", which it does not define: a law may use itself, the contract and <cmath> only");
   }
-  if (!outcome.clean()) return Failure{"place", "the link failed: " + outcome.output};
+  if (!outcome.clean()) return refuse("place", "the link failed: " + outcome.output);
   const auto elf = read_file(program);
-  if (!elf) return Failure{"cache", "cannot read back " + program};
-  if (const std::string why = read_linked(*elf, slot, linked); !why.empty()) return Failure{"place", why};
-  return std::nullopt;
+  if (!elf) return refuse("cache", "cannot read back " + program);
+  Linked linked;
+  if (const std::string why = read_linked(*elf, slot, linked); !why.empty()) return refuse("place", why);
+  return linked;
 }
 
-Linked* Placer::remembered(const std::string& name, std::uint32_t slot) {
-  const std::string key = fmt::format("{}@{}", name, slot);
-  const auto found = std::ranges::find_if(links_, [&](const auto& each) { return each.first == key; });
-  return found == links_.end() ? nullptr : &found->second;
-}
-
-json Placer::place(const std::string& name, const std::string& object, std::uint32_t slot) {
-  if (!writer_ || !arena::is_slot(slot))
-    return refuse("request", fmt::format("place needs \"slot\": 1 to {}", arena::kSlots));
-  const Linked* linked = remembered(name, slot);
-  if (linked == nullptr) {
-    Linked fresh;
-    if (const auto failure = link(object, slot, fresh))
-      return failure->starved ? refuse_starved(failure->text) : refuse(failure->stage, failure->text);
-    if (links_.size() == kMaxLinks) links_.erase(links_.begin());
-    linked = &links_.emplace_back(fmt::format("{}@{}", name, slot), std::move(fresh)).second;
-  }
-  writer_->place(slot, linked->bytes);
-  return {{"ok", true},
-          {"slot", slot},
-          {"entry", linked->entry},
-          {"code_bytes", linked->bytes.size()},
-          {"image_hash", linked->hash}};
-}
-
-json Placer::locate(const std::string& object, std::uint32_t offset) const {
-  const ScratchDir scratch(scratch_);
-  const std::string script = scratch.path() + "/slot.ld", program = scratch.path() + "/law";
+json line_in_slot(const Toolchain& toolchain, const std::string& scratch, const std::string& object,
+                  std::uint32_t offset) {
+  const ScratchDir folder(scratch);
+  const std::string script = folder.path() + "/slot.ld", program = folder.path() + "/law";
   if (!(std::ofstream(script) << script_for(1)).flush())
-    return refuse("cache", "cannot write into " + scratch_ + ": " + scratch.error());
-  const auto command = toolchain_.place_command(object, script, program, Toolchain::Lines::kept);
+    return refuse("cache", "cannot write into " + scratch + ": " + folder.error());
+  const auto command = toolchain.place_command(object, script, program, Toolchain::Lines::kept);
   if (const Outcome linked = run_program(command, Limits{}); !linked.clean())
     return refuse("locate", "the link failed: " + linked.output);
   return own_place(program, arena::slot_address(1) + offset);
