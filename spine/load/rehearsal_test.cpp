@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/load/rehearsal.hpp"
+#include "spine/load/loader.hpp"
 
 #include <gtest/gtest.h>
 

@@ -130,7 +130,7 @@ def test_a_folder_that_the_map_of_the_readme_lacks_is_found() -> None:
 def test_the_files_from_text_to_tick_are_those_that_define_a_step_of_the_way() -> None:
     listed = paper.paths_in(ROOT / rooms.WAY_PAGE, rooms.WAY)
     assert list(rooms.check_way(ROOT, listed)) == []
-    assert "spine/load/rehearsal.cpp" in listed and "core/sequence.hpp" in listed
+    assert "spine/load/arena_store.cpp" in listed and "core/sequence.hpp" in listed
 
 
 def test_a_list_that_lacks_a_file_of_the_way_or_has_one_beside_it_is_found(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@
 #include "spine/ipc/layout.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/law/dry_inputs.hpp"
-#include "spine/load/rehearsal.hpp"
+#include "spine/load/loader.hpp"
 
 namespace lithe::trial {
 namespace {
