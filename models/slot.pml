@@ -3,9 +3,9 @@
  *
  * Loader  stands for Loader::poll, retire_one, candidate_waits, stage, prepare and release (spine/load/loader.cpp) with
  *         Slot::collect_retired, active_id, withdraw and offer. Time-outs and refused loads come whenever they like.
- * Tick    stands for what Laws does in one tick (spine/step/laws.cpp, commit.cpp): roll_back, step, replace, check_probation,
- *         swap, step_shadow, end_shadow, commit; with Slot::take, commit, refuse and rollback(n). Faults,
- *         commands and opinions come whenever they like.
+ * Tick    stands for what Laws does in one tick (spine/step/listen.cpp, laws.cpp, step.cpp): roll_back, step, replace,
+ *         check_probation, swap, step_shadow, end_shadow, commit; with Slot::take, commit, refuse and rollback(n).
+ *         Faults, commands and opinions come whenever they like.
  *
  * A law's code belongs to its place: statements about a place are also true for its arena slot, which the Loader frees
  * (LawStore::unload) together with the place.

@@ -48,13 +48,13 @@ class Laws {
   // To be called after the guard. A law on probation that does worse than the one before it is replaced from the next
   // tick on.
   void check_probation(const guard::Verdict& verdict) LITHE_RT;
-  // To be called at the end of the tick: commits a waiting law, which the next tick runs.
+  // To be called at the end of the tick: commits a waiting law, which the next tick runs. In step.cpp.
   void swap(Host& host) LITHE_RT;
 
   // While a group is stopped, the law's values for it are not checked. Before the law drives that group again,
   // non-finite State fields are set to their defaults.
   void mend() LITHE_RT;
-  // Sets all values in this tick, or, when one of them is refused, none.
+  // Commands, in listen.cpp. Sets all values in this tick, or, when one of them is refused, none.
   wire::CommandResult set_params(const wire::Command& command) LITHE_RT;
   // Reverts the last parameter change; a second call sets the new values again.
   wire::CommandResult revert_params(const wire::Command& command) LITHE_RT;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a step does with the e-stop, commands, plans and the Brain's heartbeat.
+// What a step does with the e-stop, commands (those about laws, too), plans and the Brain's heartbeat.
+#include <algorithm>
 
 #include "spine/plan/check.hpp"
 #include "spine/step/step.hpp"
@@ -164,6 +165,55 @@ void ControlStep::take_plan(const wire::Plan& plan) LITHE_RT {
 void ControlStep::miss_plan() LITHE_RT {
   if (robot_.brain.on_torn_plan != robot::MissPolicy::stop || mode_.mode() != wire::Mode::active) return;
   fail(wire::Fault::plan_torn, "plan_torn: four tries brought no whole plan of the Brain");
+}
+
+CommandResult Laws::set_params(const wire::Command& command) LITHE_RT {
+  law::Resident* law = slot_.active();
+  if (law == nullptr || (command.law_id != 0 && command.law_id != law->law_id)) return CommandResult::refused_law;
+  if (command.count == 0 || command.count > wire::kNparam) return CommandResult::refused_range;
+  for (std::uint32_t i = 0; i < command.count; ++i) {
+    const std::uint32_t index = command.index[i];
+    if (index >= law->descriptor->param_count || index >= kMaxParams) return CommandResult::refused_range;
+    const Param& param = law->params[index];
+    if (!(param.min <= command.value[i] && command.value[i] <= param.max)) return CommandResult::refused_range;
+  }
+  if (!probation_.of_params()) law->trust_params();
+  law->remember_params();
+  for (std::uint32_t i = 0; i < command.count; ++i) law->set_param(command.index[i], command.value[i]);
+  return params_set(command, command.count, "");
+}
+
+CommandResult Laws::revert_params(const wire::Command& command) LITHE_RT {
+  law::Resident* law = slot_.active();
+  if (law == nullptr || (command.law_id != 0 && command.law_id != law->law_id)) return CommandResult::refused_law;
+  if (!probation_.of_params()) law->trust_params();
+  law->revert_params();
+  return params_set(command, law->descriptor->param_count, "as before the last change");
+}
+
+// New values are on probation; the previous ones are kept.
+CommandResult Laws::params_set(const wire::Command& command, std::uint32_t count, std::string_view text) LITHE_RT {
+  report_.params_changed = true;
+  report_.event(EventKind::params_applied, slot_.active()->law_id, command.request_id, count, text);
+  probation_.start_params(command.request_id);
+  return CommandResult::done;
+}
+
+CommandResult Laws::roll_back(const wire::Command& command) LITHE_RT {
+  const std::uint32_t steps = std::max(1u, command.count);
+  if (slot_.before(steps) == nullptr) return CommandResult::refused_law;
+  if (command.law_id != 0 && command.law_id != slot_.active()->law_id) return CommandResult::refused_law;
+  const std::uint32_t blend_ticks = slot_.active()->terms.blend_ticks;
+  law::FieldBits mended = 0;
+  slot_.rollback(law::Carry::named, steps, &mended);
+  report_.flags |= flag::kRolledBack;
+  probation_.end();
+  begin_law(blend_ticks);
+  tell_not_carried(*slot_.active(), mended);
+  report_.event(EventKind::law_rolled_back, slot_.active()->law_id, command.request_id, steps,
+                "an earlier law runs again");
+  report_.params_changed = true;
+  return CommandResult::done;
 }
 
 }  // namespace lithe::step

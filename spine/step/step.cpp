@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The step, in the order of the timing figure: listen, step the law, guard, swap. Commands and plans are in listen.cpp,
-// the work with laws in laws.cpp.
+// the work with the running law in laws.cpp.
 #include "spine/step/step.hpp"
 
 #include <cmath>
 #include <limits>
+
+#include "spine/core/serialise.hpp"
 
 namespace lithe::step {
 
@@ -169,6 +171,84 @@ void ControlStep::fill(const Input& in, wire::Telemetry& record) const LITHE_RT 
     record.drive_temperature_degc[j] = drive.temperature_degc;
   }
   record.sensor = sample.sensor;
+}
+
+// Commit, one atomic exchange: the staged law runs from the next tick on.
+void Laws::swap(Host& host) LITHE_RT {
+  if (shadow_.law() != nullptr) return step_shadow(host);
+  law::Resident* candidate = slot_.take();
+  if (candidate == nullptr) return;
+  if (candidate->terms.shadow_ticks > 0) return start_shadow(*candidate);
+  commit(*candidate, law::Carry::named);
+}
+
+void Laws::commit(law::Resident& candidate, law::Carry carry) LITHE_RT {
+  const law::Commit done = slot_.commit(candidate, carry);
+  const bool follows = done.previous_id != 0;
+  begin_law(follows ? candidate.terms.blend_ticks : 0);
+  probation_.end();
+  if (follows) probation_.start(candidate.terms);
+  report_.flags |= flag::kSwapCommitted;
+  // Before the commit's event: the supervisor answers the swap when it reads that, with the fields that it knows then.
+  tell_not_carried(candidate, done.not_carried);
+  report_.event(EventKind::law_committed, done.law_id, done.request_id, static_cast<double>(done.fields_carried),
+                "runs from the next tick");
+  report_.params_changed = true;
+}
+
+void Laws::start_shadow(law::Resident& candidate) LITHE_RT {
+  serialise_core();
+  law::Commit carried;
+  slot_.carry_into(candidate, carried);
+  shadow_.start(candidate, report_.tick(), in_.joints);
+  report_.event(EventKind::shadow_started, candidate.law_id, candidate.request_id, candidate.terms.shadow_ticks,
+                "runs beside the active law");
+  tell_not_carried(candidate, carried.not_carried);
+}
+
+// Runs the shadow candidate, after the active law's output has been handed over.
+void Laws::step_shadow(Host& host) LITHE_RT {
+  if (!mode_.law_runs() || (report_.flags & (flag::kRolledBack | flag::kLawFaulted)) != 0)
+    return end_shadow(Shadow::Opinion::refuse, "the active law was replaced");
+  if (guard_.any_stopped())
+    return end_shadow(Shadow::Opinion::refuse, "a part of the robot is stopped: nothing can be compared there");
+  report_.flags |= flag::kShadowing;
+  const std::int64_t from_ns = host.now_ns();
+  const Run ran = run(*shadow_.law(), shadow_.effort, host);
+  if (ran.failure) {
+    shadow_.fail();
+    const EventText why = in_words(ran);
+    return end_shadow(Shadow::Opinion::refuse, why.text());
+  }
+  const std::int64_t took_ns = host.now_ns() - from_ns;
+  switch (shadow_.compare(in_, effort_, took_ns)) {
+    case Shadow::Opinion::go_on:
+      report_.shadow_changed = true;
+      return;
+    case Shadow::Opinion::refuse:
+      return end_shadow(Shadow::Opinion::refuse, "it disagrees with the active law by more than the tolerance");
+    case Shadow::Opinion::promote:
+      return end_shadow(Shadow::Opinion::promote, "it agrees with the active law");
+    case Shadow::Opinion::measured:
+      return end_shadow(Shadow::Opinion::measured, "compared as long as asked; it was not to be promoted");
+  }
+}
+
+void Laws::end_shadow(Shadow::Opinion opinion, std::string_view why) LITHE_RT {
+  law::Resident& candidate = *shadow_.law();
+  report_.shadow_changed = true;
+  report_.event(EventKind::shadow_ended, static_cast<std::uint32_t>(opinion), candidate.request_id,
+                shadow_.largest_difference_nm(), why);
+  shadow_.end();
+  if (opinion == Shadow::Opinion::promote)
+    return commit(candidate, law::Carry::none);  // its state is warm: it ran in the shadow
+  slot_.refuse(candidate);
+}
+
+// Synchronises this core's instruction cache, because the slot may have held another law's code; then starts the blend.
+void Laws::begin_law(std::uint32_t blend_ticks) LITHE_RT {
+  serialise_core();
+  bumpless_.start(blend_ticks);
 }
 
 }  // namespace lithe::step
