@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0
- * Which process may write into which slot of the code arena, and when. Code: supervisor/swap/placement.cpp.
+ * Which process may write into which slot of the code arena, and when. Code: supervisor/link/spine/spine_link.cpp.
  *
- * Supervisor  stands for Placement::place, free_slot, asked and forget, for Swaps::stage (supervisor/swap/swap.cpp)
- *             and for lawd, which writes the image (spine/arena/arena.cpp) while the Placement waits for its answer. It
- *             may be killed at any point, and lawd with it; the next one adopts the Spine.
+ * Supervisor  stands for SpineLink::take_slot, give_back and stage, for Swaps::place and stage
+ *             (supervisor/swap/swap.cpp), and for lawd, which writes the image (spine/arena/arena.cpp) while the swap
+ *             waits for its answer. It may be killed at any point, and lawd with it; the next one adopts the Spine.
  * Loader      stands for Loader::poll, stage, release and publish_info (spine/load/loader.cpp) and for ArenaStore::load
  *             and unload (spine/load/arena_store.cpp). Letters may wait, and a law may be refused or released, at any
  *             time; how the tick releases it is in slot.pml.
@@ -18,7 +18,7 @@
 //: model
 //: twin ADOPT_AT_ONCE        untouched  a new supervisor does not wait for the answers to its predecessor's letters
 //: twin FORGET_UNANSWERED    untouched  a slot is free again although the Loader has yet to answer for it
-//: twin LAWS_BEFORE_ANSWERS  untouched  free_slot() reads the laws first and the answers then
+//: twin LAWS_BEFORE_ANSWERS  untouched  take_slot() reads the laws first and the answers then
 //: twin ANSWER_FIRST         untouched  the Loader answers before it has published the law
 //: twin EMPTY_INFO_EARLY     untouched  the Loader publishes that a place is empty before the tick has let its law go
 
@@ -108,7 +108,7 @@ alive:
 
 end_idle:
   do
-  :: /* free_slot() */
+  :: /* take_slot() */
 #ifdef TWIN_LAWS_BEFORE_ANSWERS
     read_laws();
 #endif
@@ -164,7 +164,7 @@ end_idle:
         ticket[s] = head;
         head = (head + 1) % TICKETS
       }
-    :: true /* given up meanwhile, or the mailbox is full: forget() */
+    :: true /* given up meanwhile, or the mailbox is full: give_back() */
     fi;
     MAY_DIE;
     s = 0;

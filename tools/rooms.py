@@ -17,8 +17,8 @@ WAY_PAGE = "supervisor/README.md"
 WAY = "From text to tick"
 ON_THE_WAY = """
     Server::read_from Verbs::handle Swaps::submit Swaps::swap_law Sequence::Until::await_suspend
-    SwapState::mark_committed ServiceLink::ask LawdLink::compile Placement::place TrialLink::attempt Service::compile
-    Service::place Zygote::attempt run_trial SpineLink Swaps::hear Loader::stage ArenaStore::load Rehearsal::prepare
+    SwapState::mark_committed ServiceLink::ask LawdLink::compile SpineLink::take_slot TrialLink::attempt Service::compile
+    Service::place Zygote::attempt run_trial SpineLink::stage Swaps::hear Loader::stage ArenaStore::load Rehearsal::prepare
     Slot Spine::tick ControlStep::run Laws::swap
 """
 
@@ -104,7 +104,7 @@ ALLOWED = {
         "supervisor/bus/scan": BUS_TOOLS + " supervisor/bus supervisor/bus/plan",
         "supervisor/bus/monitor": BUS_TOOLS + " supervisor/bus supervisor/bus/plan supervisor/bus/scan",
         "supervisor/core": OUTSIDE,
-        "supervisor/link/spine": OUTSIDE + " supervisor/core",
+        "supervisor/link/spine": OUTSIDE + " spine/arena supervisor/core",
         "supervisor/link/services": OUTSIDE + " supervisor/core",
         "supervisor/link/client": OUTSIDE + " supervisor/core supervisor/link/spine",
         "supervisor/events": OUTSIDE + " supervisor/core supervisor/link/spine",

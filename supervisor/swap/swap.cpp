@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // One swap, from the text of a law to the tick that runs it: swap_law() has all steps in order. Below it is what each
-// step asks of another process, and what the answers mean.
+// step asks of another process, what the answers mean, and what the Spine says of the law.
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 
 #include <array>
 #include <cstring>
@@ -16,9 +17,12 @@ namespace {
 
 // Time limits of the steps. Those of the compile service and the trial follow the robot file's swap.compile_s.
 constexpr std::int64_t kStageNs = 10'000'000'000;
-constexpr std::int64_t kCommitNs = 5'000'000'000;  // plus twice the time in the shadow: ticks may be lost
+constexpr std::int64_t kCommitNs = 5'000'000'000;   // plus twice the time in the shadow: ticks may be lost
+constexpr std::int64_t kWordsGraceNs = 50'000'000;  // for the event of what shared memory shows already
 
 constexpr Stage kInTheSpine[] = {Stage::staged, Stage::shadow, Stage::committed};
+constexpr const char* kSkipped = "skipped: the gates are open";
+
 // The report in a refusal of the trial; an empty object when there is none.
 Json report_in(const Refusal& refusal) {
   return refusal.detail.is_object() ? refusal.detail.value("trial", Json::object()) : Json::object();
@@ -29,8 +33,6 @@ std::uint64_t offset_in(const Json& report) {
   const auto found = report.find("pc_offset");
   return found != report.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
 }
-
-constexpr const char* kSkipped = "skipped: the gates are open";
 
 // Once the Loader has the law it cannot be cancelled: it may still be committed.
 Refusal too_late(const SwapState& swap, const char* doing, std::int64_t limit_ns) {
@@ -54,35 +56,6 @@ auto pending_for() {
   return std::make_shared<std::optional<typename Sequence::Reply<T>::Outcome>>();
 }
 
-// Time of the admission gates [ns]; 0 for a law from the cache, which was admitted earlier.
-std::int64_t admission_ns(const Json& compiled) {
-  double ms = 0.0;
-  if (!compiled.value("cached", false))
-    for (const Json& gate : compiled.value("gates", Json::array())) ms += gate.value("ms", 0.0);
-  return static_cast<std::int64_t>(ms * 1e6);
-}
-
-// The answer of the compile service; what goes into the certificate is in `facts`.
-std::variant<Compiled, Refusal> read_compiled(const Answer& answer, const Json& params) {
-  if (const auto* refusal = std::get_if<Refusal>(&answer)) return *refusal;
-  const Json& result = std::get<Json>(answer);
-  const Json law = result.value("law", Json::object());
-  if (auto wrong = wrong_param(params, law)) return std::move(*wrong);
-  Json facts = Json::object();
-  for (const char* key : {"object_sha256", "placeable_sha256", "toolchain", "gates", "steps_ms", "dry_step_max_ns",
-                          "warnings", "cleaned"}) {
-    if (result.contains(key)) facts[key] = result[key];
-  }
-  return Compiled{result.value("object", ""),
-                  result.value("hash", ""),
-                  law.value("name", ""),
-                  result.value("cached", false),
-                  result.value("compile_ms", 0.0),
-                  admission_ns(result),
-                  law,
-                  std::move(facts)};
-}
-
 Refusal at_line(Refusal refusal, const Json& place) {
   if (place.is_object()) {
     refusal.message = fmt::format("{}: {}", place.value("where", ""), refusal.message);
@@ -97,6 +70,17 @@ bool put(std::array<char, N>& field, const std::string& text) {
   if (text.size() >= N) return false;
   std::memcpy(field.data(), text.c_str(), text.size() + 1);
   return true;
+}
+
+Json shadow_json(const wire::ShadowReport& report) {
+  const std::size_t joints = std::min<std::size_t>(report.joint_count, wire::kNj);
+  return {{"from_tick", report.from_tick},
+          {"ticks", report.ticks},
+          {"faults", report.faults},
+          {"most_ns", report.most_ns},
+          {"mean_ns", report.mean_ns},
+          {"most_nm", std::vector<double>(report.most_nm.begin(), report.most_nm.begin() + joints)},
+          {"rms_nm", std::vector<double>(report.rms_nm.begin(), report.rms_nm.begin() + joints)}};
 }
 
 }  // namespace
@@ -152,7 +136,13 @@ void Swaps::give_up(SwapState& swap, const Refusal& reason) { swap.mark_given_up
 Sequence::Reply<Compiled> Swaps::compile(const SwapState& swap) {
   const auto pending = pending_for<Compiled>();
   const auto take = [this, pending, params = swap.request().params](const Answer& answer) {
-    *pending = read_compiled(answer, params);
+    if (const auto* refusal = std::get_if<Refusal>(&answer)) {
+      *pending = *refusal;
+    } else {
+      Compiled compiled = compiled_of(std::get<Json>(answer));
+      const auto wrong = wrong_param(params, compiled.descriptor);
+      *pending = wrong ? Sequence::Reply<Compiled>::Outcome(*wrong) : std::move(compiled);
+    }
     go_on(monotonic_ns());
   };
   help_.lawd.compile({swap.request().name, swap.request().source, swap.request().terms.budget_ns()}, take,
@@ -173,15 +163,29 @@ void Swaps::admitted(SwapState& swap, Compiled compiled) {
 
 Sequence::Reply<Placed> Swaps::place(const SwapState& swap) {
   const auto pending = pending_for<Placed>();
-  const auto take = [this, pending, id = swap.request_id()](const std::variant<Placed, Refusal>& answer) {
-    if (const auto* where = std::get_if<Placed>(&answer); where != nullptr && !is_head(id)) {
-      placement_.forget(where->slot);  // the swap was given up in between
-      return;
+  const bool with_dlopen = !lawd_can_place_ || !help_.spine.has_arena();
+  const std::uint32_t slot = with_dlopen ? 0 : help_.spine.take_slot();
+  const auto take = [this, pending, slot, id = swap.request_id()](const std::variant<Placed, Refusal>& answer) {
+    const auto* refusal = std::get_if<Refusal>(&answer);
+    const bool gone = !is_head(id);  // it was given up in between
+    if (refusal != nullptr || gone) help_.spine.give_back(slot);
+    if (refusal != nullptr && refusal->code == "arena_failed") {
+      spdlog::warn("{}; laws are loaded with dlopen", refusal->message);
+      lawd_can_place_ = false;
+      *pending = Placed{};
+    } else {
+      *pending = answer;
     }
-    *pending = answer;
-    go_on(monotonic_ns());
+    if (!gone) go_on(monotonic_ns());
   };
-  placement_.place(swap.compiled().hash, take, monotonic_ns());
+  if (with_dlopen) {
+    *pending = Placed{};
+  } else if (slot == 0) {
+    *pending = Refusal{"slots_full", fmt::format("all {} slots of the code arena are in use", arena::kSlots),
+                       "another swap is under way in the Spine; try again"};
+  } else {
+    help_.lawd.place(swap.compiled().hash, slot, take, monotonic_ns());
+  }
   return reply<Placed>(pending, swap, "placing", 2 * help_.lawd.limit_ns());
 }
 
@@ -298,7 +302,6 @@ std::optional<Refusal> Swaps::stage(SwapState& swap) {
   before_ = count_core(help_.spine.spine_pid(), help_.spine.info());
   const auto ticket = help_.spine.stage(request);
   if (!ticket) return stage_refusal(wire::StageResult::busy, "the Loader does not take requests");
-  if (placed_->slot != 0) placement_.asked(placed_->slot, *ticket);
   placed_.reset();
   heard_.ticket = *ticket;
   return std::nullopt;
@@ -313,6 +316,79 @@ Sequence::Until Swaps::spine_reaches(Stage stage, const SwapState& swap) {
   const std::int64_t limit_ns =
       loading ? kStageNs : kCommitNs + static_cast<std::int64_t>(2e9 * swap.request().terms.shadow_s);
   return {ready, swap.stage_since_ns() + limit_ns, too_late(swap, loading ? "loading" : "committing", limit_ns)};
+}
+
+void Swaps::hear(const wire::Event& event) {
+  switch (static_cast<wire::EventKind>(event.kind)) {
+    case wire::EventKind::law_staged:
+      heard_.staged_ns = event.t_ns;
+      return;
+    case wire::EventKind::shadow_started:
+      heard_.shadow_ns = event.t_ns;
+      return;
+    case wire::EventKind::shadow_ended:
+      return shadow_ended(event);
+    case wire::EventKind::law_committed:
+      heard_.commit = event;
+      return;
+    case wire::EventKind::law_refused:
+      heard_.refusal = stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text));
+      return;
+    default:
+      return;
+  }
+}
+
+void Swaps::shadow_ended(const wire::Event& event) {
+  wire::ShadowReport report{};
+  ipc::ChannelReader<wire::ShadowReport> reader(help_.spine.memory().shadow);
+  if (reader.read(report) && report.request_id == event.request_id) head_->swap.note("shadow", shadow_json(report));
+  if (event.code == 2) heard_.measured = event;
+  if (event.code == 0) {
+    heard_.refusal =
+        Refusal{"shadow_failed",
+                fmt::format("in the shadow: {} (largest difference {:.4g} N m, tolerance {:.4g} N m)",
+                            text_of(event.text), event.value, head_->swap.request().terms.shadow_tolerance_nm),
+                "the running law is unchanged; make them agree, or swap without a shadow"};
+  }
+}
+
+// The stages that the Spine told of: the tick may commit before the Loader's acknowledgement is read.
+void Swaps::mark_heard(SwapState& swap) const {
+  const std::int64_t later_ns = heard_.shadow_ns != 0 ? heard_.shadow_ns : heard_.commit ? heard_.commit->t_ns : 0;
+  swap.mark(Stage::staged, "", heard_.staged_ns != 0 ? heard_.staged_ns : later_ns);
+  if (heard_.shadow_ns != 0) swap.mark(Stage::shadow, "", heard_.shadow_ns);
+}
+
+// What shared memory shows of the head's law, which the Spine has.
+void Swaps::look(std::int64_t now_ns) {
+  const std::int64_t since_ns = head_->swap.stage_since_ns();
+  if (heard_.commit) {
+    const wire::Telemetry now = help_.spine.now();
+    heard_.shown = heard_.shown || now.tick > heard_.commit->tick || now_ns - heard_.commit->t_ns > kWordsGraceNs;
+  } else if (heard_.stage() != Stage::tried) {
+    heard_.shown = now_ns - since_ns > kWordsGraceNs && find_commit(now_ns);
+  } else if (const auto result = help_.spine.poll_stage(heard_.ticket); result == wire::StageResult::staged) {
+    heard_.staged_ns = now_ns - since_ns > kWordsGraceNs ? now_ns : 0;
+  } else if (result != wire::StageResult::pending) {
+    heard_.refused_ns = heard_.refused_ns == 0 ? now_ns : heard_.refused_ns;
+    if (now_ns - heard_.refused_ns > kWordsGraceNs) heard_.refusal = stage_refusal(result, "");
+  }
+}
+
+// The commit is normally known from its event. When the ring lost the event, the law id in telemetry shows it; the
+// commit tick is then an estimate.
+bool Swaps::find_commit(std::int64_t now_ns) {
+  wire::Telemetry now{};
+  if (heard_.commit || !help_.spine.latest(now)) return heard_.commit.has_value();
+  const auto law = help_.spine.law(now.law_id);
+  if (!law || law->request_id != head_->swap.request_id()) return false;
+  head_->swap.note("commit_tick_is_estimate", true);
+  heard_.commit.emplace();
+  heard_.commit->tick = now.tick;
+  heard_.commit->code = now.law_id;
+  heard_.commit->t_ns = now_ns;
+  return heard_.shown = true;
 }
 
 }  // namespace lithe::control

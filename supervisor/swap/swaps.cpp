@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The queue of swaps, their answers and certificates. The steps of one swap are in swap.cpp.
+// The queue of swaps, their answers and certificates; what the Spine says goes to the swap that it is about. The steps
+// of one swap are in swap.cpp.
 #include "supervisor/swap/swaps.hpp"
 
 #include <fmt/format.h>
@@ -18,12 +19,35 @@ std::filesystem::path text_beside(std::filesystem::path certificate) {
   return certificate.empty() ? certificate : certificate.replace_extension("cpp");
 }
 
+// The field names in the event. The text may hold only some of them; `count` is the full number.
+Json not_carried_json(const wire::Event& event) {
+  const std::string text = text_of(event.text);  // "a, b: why"
+  const std::size_t end = text.find(": ");
+  Json fields = Json::array();
+  for (std::size_t at = 0; at < std::min(end, text.size());) {
+    const std::size_t comma = std::min({text.find(", ", at), end, text.size()});
+    fields.push_back(text.substr(at, comma - at));
+    at = comma + 2;
+  }
+  return {{"tick", event.tick},
+          {"count", event.value},
+          {"fields", std::move(fields)},
+          {"why", end == std::string::npos ? "" : text.substr(end + 2)}};
+}
+
 }  // namespace
+
+Refusal stage_refusal(wire::StageResult result, const std::string& words) {
+  const std::string code(to_string(result));
+  const char* next = result == wire::StageResult::busy || result == wire::StageResult::slots_full
+                         ? "another swap is under way in the Spine; try again"
+                         : "the running law is unchanged; lithe law check tells more";
+  return {code, words.empty() ? fmt::format("the Loader refused the law: {}", code) : words, next};
+}
 
 Swaps::Swaps(const Helpers& helpers, CertificateFiles book, std::uint64_t first_request_id,
              const robot::RobotConfig& robot)
     : help_(helpers),
-      placement_(helpers.spine, helpers.lawd),
       book_(std::move(book)),
       robots_terms_(terms_of(robot, helpers.spine.info().rate_hz)),
       lifecycle_(
@@ -103,7 +127,7 @@ void Swaps::go_on(std::int64_t now_ns) {
 }
 
 void Swaps::settle() {
-  if (placed_ && placed_->slot != 0) placement_.forget(placed_->slot);
+  if (placed_ && placed_->slot != 0) help_.spine.give_back(placed_->slot);
   placed_.reset();
   heard_ = {};
   sequence_.reset();
@@ -268,6 +292,61 @@ void Swaps::finish(Entry entry) {
     unconfirmed_.push_back(std::move(entry));
     if (unconfirmed_.size() > kMostUnconfirmed) unconfirmed_.pop_front();
   }
+}
+
+void Swaps::on_event(const wire::Event& event, std::int64_t now_ns) {
+  const auto kind = static_cast<wire::EventKind>(event.kind);
+  if (kind == wire::EventKind::state_not_carried) return not_carried(event);
+  if (heard_.commit && kind != wire::EventKind::law_committed) {
+    heard_.shown = true;  // this event may be about the committed law
+    go_on(now_ns);
+  }
+  lifecycle_.on_event(event);
+  params_.on_event(event);
+  if (kind == wire::EventKind::law_retired) tried_laws_.forget(event.request_id);
+  if (is_head(event.request_id)) {
+    hear(event);
+    go_on(now_ns);
+  } else {
+    come_late(event);
+  }
+}
+
+std::deque<Swaps::Entry>::iterator Swaps::given_up(std::uint64_t request_id) {
+  return std::ranges::find_if(unconfirmed_, [&](const Entry& each) { return each.swap.request_id() == request_id; });
+}
+
+// A swap that timed out, and whose outcome the Spine reports later.
+void Swaps::come_late(const wire::Event& event) {
+  const auto found = given_up(event.request_id);
+  const auto kind = static_cast<wire::EventKind>(event.kind);
+  const bool committed = kind == wire::EventKind::law_committed;
+  if (found == unconfirmed_.end() || (!committed && kind != wire::EventKind::law_refused)) return;
+  Entry late = std::move(*found);
+  SwapState& swap = late.swap;
+  unconfirmed_.erase(found);
+  if (!committed) {
+    swap.mark_refused(stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)), event.t_ns);
+    tried_laws_.forget(swap.request_id());
+    note(swap, "swap_refused", fmt::format("{}: after it was given up", swap.request().name));
+    return rewrite(swap, late.record);
+  }
+  swap.mark_committed(event.tick, event.code, event.t_ns);
+  swap.note_missed_after(missed_releases());
+  note(swap, "swap_committed_late", fmt::format("{}: it was given up, and runs now", swap.request().name));
+  rewrite(swap, late.record);
+  lifecycle_.follow(std::move(swap), late.record, {}, monotonic_ns());  // without counts: other swaps came in between
+}
+
+// Writes into answer and certificate which State fields start from their defaults.
+void Swaps::not_carried(const wire::Event& event) {
+  const Json what = not_carried_json(event);
+  if (is_head(event.request_id))
+    head_->swap.note("state_not_carried", what);
+  else if (const auto late = given_up(event.request_id); late != unconfirmed_.end())
+    late->swap.note("state_not_carried", what);
+  else
+    lifecycle_.note(event.request_id, "state_not_carried", what);
 }
 
 }  // namespace lithe::control

@@ -19,7 +19,6 @@
 #include "supervisor/swap/certificate/swap_state.hpp"
 #include "supervisor/swap/law_lifecycle.hpp"
 #include "supervisor/swap/param_changes.hpp"
-#include "supervisor/swap/placement.hpp"
 #include "supervisor/swap/tried_laws.hpp"
 
 namespace lithe::control {
@@ -121,15 +120,10 @@ class Swaps {
   std::optional<Refusal> stage(SwapState& swap);
   Sequence::Until spine_reaches(Stage stage, const SwapState& swap);
   void mark_heard(SwapState& swap) const;
-
-  // swap_events.cpp: what the Spine says.
-  void look(std::int64_t now_ns);
-  bool find_commit(std::int64_t now_ns);
   void hear(const wire::Event& event);
   void shadow_ended(const wire::Event& event);
-  void come_late(const wire::Event& event);
-  void not_carried(const wire::Event& event);
-  std::deque<Entry>::iterator given_up(std::uint64_t request_id);
+  void look(std::int64_t now_ns);
+  bool find_commit(std::int64_t now_ns);
 
   // swaps.cpp: the queue, the answers and the certificates.
   bool is_head(std::uint64_t request_id) const { return head_ && head_->swap.request_id() == request_id; }
@@ -139,6 +133,9 @@ class Swaps {
   void go_on(std::int64_t now_ns);
   void settle();
   void finish(Entry entry);
+  void come_late(const wire::Event& event);
+  void not_carried(const wire::Event& event);
+  std::deque<Entry>::iterator given_up(std::uint64_t request_id);
   void find_line(const SwapState& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found);
   void locate(const SwapState& swap, std::uint32_t offset, LawLifecycle::Found found);
   void remember(const SwapState& swap);
@@ -150,7 +147,6 @@ class Swaps {
   std::optional<Refusal> no_shadow(const SwapTerms& terms) const;
 
   Helpers help_;
-  Placement placement_;
   CertificateFiles book_;
   LateCertificates late_;
   LawTexts sources_;
@@ -165,6 +161,7 @@ class Swaps {
   std::optional<Entry> head_;         // the swap under way,
   std::optional<Sequence> sequence_;  // and where it is
   std::optional<Placed> placed_;      // its slot, until the stage request is sent
+  bool lawd_can_place_ = true;        // false: it has no arena
   Heard heard_;
   CoreCounts before_;  // when the stage request was sent
   static constexpr std::size_t kMostUnconfirmed = 8;

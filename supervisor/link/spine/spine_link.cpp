@@ -2,6 +2,7 @@
 #include "supervisor/link/spine/spine_link.hpp"
 
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -9,6 +10,7 @@
 #include <fstream>
 #include <iterator>
 
+#include "spine/arena/arena.hpp"
 #include "spine/core/histogram.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
@@ -51,6 +53,17 @@ std::optional<pid_t> live_spine(const std::string& robot) {
   return pid;
 }
 
+Fd open_arena(const robot::RobotConfig& robot) {
+  if (robot.spine.loader == robot::LawLoader::dlopen) return Fd();
+  const pid_t pid = live_spine(robot.name).value_or(0);
+  const Result<int> memory = pid != 0 ? arena::memory_of(pid) : arena::make_memory();
+  if (!memory) {
+    spdlog::warn("{}; laws are loaded with dlopen", memory.message());
+    return Fd();
+  }
+  return Fd(*memory);
+}
+
 bool remove_segments(const std::string& robot) {
   const auto lease = ipc::Lease::try_take(Spine::path(robot));
   if (!lease || !*lease) return false;
@@ -88,7 +101,8 @@ SpineLink::SpineLink(Spine spine, Control control)
       events_tick_(spine_->events_tick),
       events_loader_(spine_->events_loader),
       commands_(control_->commands, spine_->control_ack),
-      stage_(control_->stage, spine_->stage_ack) {
+      stage_(control_->stage, spine_->stage_ack),
+      inherited_(stage_.last_ticket()) {
   events_tick_.rewind();
   events_loader_.rewind();
 }
@@ -185,6 +199,44 @@ std::vector<wire::Event> SpineLink::drain_events() {
   std::merge(loader.begin(), loader.end(), tick.begin(), tick.end(), std::back_inserter(merged),
              [](const wire::Event& a, const wire::Event& b) { return a.t_ns < b.t_ns; });
   return merged;
+}
+
+std::optional<std::uint64_t> SpineLink::stage(const wire::StageRequest& request) {
+  const auto ticket = stage_.send(request);
+  if (ticket && arena::is_slot(request.slot)) slots_[request.slot] = {Slot::asked, *ticket};
+  return ticket;
+}
+
+bool SpineLink::has_arena() const {
+  return info_.arena_base == arena::kBase && info_.arena_slots == arena::kSlots &&
+         info_.arena_slot_bytes == arena::kSlotBytes;
+}
+
+// A stage request that waits in the mailbox, or that the Loader is handling, names a slot that no LawInfo shows yet
+// (models/placement.pml).
+bool SpineLink::predecessors_requests_are_answered() {
+  constexpr std::uint64_t kDepth = wire::control_segment::kStageDepth;
+  for (std::uint64_t ticket = inherited_ > kDepth ? inherited_ - kDepth + 1 : 1; ticket <= inherited_; ++ticket)
+    if (poll_stage(ticket) == wire::StageResult::pending) return false;
+  inherited_ = 0;
+  return true;
+}
+
+std::uint32_t SpineLink::take_slot() {
+  if (!predecessors_requests_are_answered()) return 0;
+  // Read the answers first: the Loader publishes a law before it answers the request.
+  for (Slot& slot : slots_)
+    if (slot.state == Slot::asked && poll_stage(slot.ticket) != wire::StageResult::pending) slot = {};
+  std::array<bool, arena::kSlots + 1> resident{};
+  for (const wire::LawInfo& law : laws())
+    if (arena::is_slot(law.slot)) resident[law.slot] = true;
+  for (std::uint32_t i = 0; i < arena::kSlots; ++i) {
+    const std::uint32_t slot = 1 + (last_slot_ + i) % arena::kSlots;
+    if (resident[slot] || slots_[slot].state != Slot::free) continue;
+    slots_[slot].state = Slot::taken;
+    return last_slot_ = slot;
+  }
+  return 0;
 }
 
 void SpineLink::heartbeat(std::int64_t now_ns) {

@@ -11,9 +11,12 @@
 #include <string>
 #include <vector>
 
+#include "spine/arena/layout.hpp"
+#include "spine/core/host/fd.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/text.hpp"
 #include "spine/ipc/segment.hpp"
+#include "spine/robot/config.hpp"
 #include "supervisor/core/answer.hpp"
 
 namespace lithe::control {
@@ -54,6 +57,10 @@ std::optional<pid_t> spine_now(const std::string& robot);
 // killed.
 std::optional<pid_t> live_spine(const std::string& robot);
 
+// The code arena of this robot: that of a live Spine, else a new one. Empty, with a warning in the log, when laws must
+// be loaded with dlopen.
+Fd open_arena(const robot::RobotConfig& robot);
+
 // Removes the segments. Returns false and removes nothing while a live Spine holds them.
 bool remove_segments(const std::string& robot);
 
@@ -91,19 +98,32 @@ class SpineLink {
   wire::CommandResult poll(std::uint64_t ticket) const {
     return static_cast<wire::CommandResult>(commands_.poll(ticket));
   }
-  std::optional<std::uint64_t> stage(const wire::StageRequest& request) { return stage_.send(request); }
-  // Id of the newest request of this or an earlier supervisor; 0 = none.
-  std::uint64_t last_stage_ticket() const { return stage_.last_ticket(); }
+  std::optional<std::uint64_t> stage(const wire::StageRequest& request);
   wire::StageResult poll_stage(std::uint64_t ticket) const {
     return static_cast<wire::StageResult>(stage_.poll(ticket));
   }
+
+  // Whether the Spine has mapped the code arena, where this build has it.
+  bool has_arena() const;
+  // A free slot of the arena, reserved for the caller until it is given back, or until the Loader has answered the
+  // request that names it; 0 when there is none. A slot is free when no law in the Spine uses it, it is not reserved,
+  // and the Loader has answered every request that names it. This includes requests of an earlier supervisor: their
+  // slots are unknown, so all of them must be answered first.
+  std::uint32_t take_slot();
+  void give_back(std::uint32_t slot) { slots_[slot] = {}; }
 
   void heartbeat(std::int64_t now_ns);
   void press_estop();
   void release_estop();
 
  private:
+  struct Slot {
+    enum { free, taken, asked } state = free;
+    std::uint64_t ticket = 0;
+  };
+
   SpineLink(ipc::Segment<ipc::SpineMemory> spine, ipc::Segment<ipc::ControlMemory> control);
+  bool predecessors_requests_are_answered();
 
   ipc::Segment<ipc::SpineMemory> spine_;
   ipc::Segment<ipc::ControlMemory> control_;
@@ -113,6 +133,9 @@ class SpineLink {
   ipc::RingReader<wire::Event, wire::spine_segment::kEventsLoaderDepth> events_loader_;
   ipc::MailboxSender<wire::Command, wire::control_segment::kCommandsDepth> commands_;
   ipc::MailboxSender<wire::StageRequest, wire::control_segment::kStageDepth> stage_;
+  std::uint64_t inherited_;  // the last request of an earlier supervisor; 0 once all of them are answered
+  std::array<Slot, arena::kSlots + 1> slots_{};  // [0] is not used
+  std::uint32_t last_slot_ = 0;                  // they are used in turn, so the newest replaced law stays longest
 };
 
 }  // namespace lithe::control

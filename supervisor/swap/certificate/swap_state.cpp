@@ -130,6 +130,25 @@ void put_terms(const SwapTerms& terms, double rate_hz, wire::StageRequest& reque
   request.probation_error_ratio = terms.error_ratio;
 }
 
+Compiled compiled_of(const Json& answer) {
+  Compiled compiled;
+  compiled.object = answer.value("object", "");
+  compiled.hash = answer.value("hash", "");
+  compiled.descriptor = answer.value("law", Json::object());
+  compiled.law = compiled.descriptor.value("name", "");
+  compiled.cached = answer.value("cached", false);
+  compiled.compile_ms = answer.value("compile_ms", 0.0);
+  double ms = 0.0;  // a law from the cache was admitted earlier
+  if (!compiled.cached)
+    for (const Json& gate : answer.value("gates", Json::array())) ms += gate.value("ms", 0.0);
+  compiled.admission_ns = static_cast<std::int64_t>(ms * 1e6);
+  for (const char* key : {"object_sha256", "placeable_sha256", "toolchain", "gates", "steps_ms", "dry_step_max_ns",
+                          "warnings", "cleaned"}) {
+    if (answer.contains(key)) compiled.facts[key] = answer[key];
+  }
+  return compiled;
+}
+
 const char* to_string(Stage stage) {
   static constexpr const char* kWords[] = {"submitted",   "compiled", "admitted",  "placed",   "tried",
                                            "staged",      "shadow",   "committed", "unproven", "confirmed",

@@ -87,6 +87,9 @@ struct Compiled {
   Json facts = Json::object();       // for the certificate: hash of the object, toolchain, gates
 };
 
+// The same from the answer of the compile service.
+Compiled compiled_of(const Json& answer);
+
 // Contract: one thread · every transition checks the order and returns false, changing nothing, when it is not legal ·
 // times are read by several processes; one that lies before its predecessor counts as equal to it.
 class SwapState {
