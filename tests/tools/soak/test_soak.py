@@ -22,7 +22,7 @@ from soak import __main__ as command
 from soak import actions, machine, rig, run, watch
 from soak.judge import INVARIANTS, STILL_S, Broken, Joints, Judge, codes_of_the_page, corpus_stage
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 ONE = Joints(np.array([-1.0]), np.array([1.0]), np.array([0.6]), overrun_rad=0.2)
 
 
