@@ -97,10 +97,15 @@ VERBS = (
     ),
     Verb(
         "events",
-        "What happened: events with kind and text, the newest last.",
+        "What happened: events with kind and text, the newest last, as many as fit; missed deadlines in a row are one "
+        "event with `count`.",
         args={
-            "since": _integer("the cursor of an earlier answer", minimum=0),
+            "since": _integer("the cursor of an earlier answer: those after it, the oldest first", minimum=0),
             "limit": _integer("at most so many; without since, the newest", minimum=1),
+            "kind": {
+                "description": "only this kind, or these",
+                "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}],
+            },
         },
     ),
     Verb(
@@ -118,21 +123,24 @@ VERBS = (
     Verb(
         "history",
         "Columns of telemetry: every tick of the last 4096, and before them every 20th of the last 60 s (`thinned`). "
-        "A tool's answer has at most 65536 bytes, about 5000 numbers: choose fields and joints.",
+        "A tool's answer has at most 65536 bytes, about 5000 numbers: choose fields and joints; else ticks are left "
+        "out, and `every` says so.",
         args={
             "seconds": _number("how far back, at most 60", exclusiveMinimum=0),
             "since_tick": _integer("only ticks after this one", minimum=0),
             "until_tick": _integer("no ticks after this one", minimum=0),
             "every": _integer("only ticks that it divides", minimum=1),
+            "incident": _integer("instead: the ticks kept around this incident, from 1 s before", minimum=1),
             "joints": _list({"type": "string"}, "names; columns of these only"),
             "fields": _FIELDS,
         },
     ),
     Verb(
         "measure",
-        "How well the running law follows: each joint's error (rms, median, largest) and torque, missed ticks, for "
-        "how long no plan was followed, and in which share of the ticks the guard changed a joint's torque, with the "
-        "flags of these ticks. Mode active only.",
+        "How well the running law follows: law and parameters, each joint's error (rms, median, largest and its tick) "
+        "and torque, missed ticks, for how long no plan was followed, and in which share of the ticks the guard "
+        "changed a joint's torque, with the flags of these ticks. Mode active only. `law_changed`: the law or its "
+        "parameters changed since your last call, why, and what leads back.",
         args={"seconds": _number("how far back, at most 60 (default 4)", exclusiveMinimum=0)},
     ),
     Verb("state", "The running law's State, name -> value."),
@@ -155,7 +163,8 @@ VERBS = (
     Verb(
         "swap",
         "Replaces the running law, once the new one has passed compiler, admission and trial. Returns the certificate; "
-        "with wait, when the probation is over: verdict, rms errors of old and new law, why it was rolled back.",
+        "with wait, when the probation is over: verdict, rms errors of old and new law (`new` with the first second, "
+        "in which the joints come to the setpoint; `new_late` without; later `measure`), why it was rolled back.",
         Effect.moves,
         args={
             **_LAW,
@@ -211,7 +220,8 @@ VERBS = (
     ),
     Verb(
         "set_reference",
-        "Streams a reference from now on; faded in from where the joints are, checked against their limits first.",
+        "Streams a reference from now on; faded in from where the joints are, checked against their limits first. "
+        "`warning`: what is still on probation, and may go back by this motion.",
         Effect.moves,
         args={
             "kind": {"type": "string", "enum": ["rest", "steps", "sine", "multisine", "chirp", "waypoints"]},

@@ -27,6 +27,7 @@ constexpr double kOffRad = 0.02;                  // an error worth a word
 constexpr double kSteadyShare = 0.85;             // the mean of a steady error is nearly its root mean square
 constexpr double kLittleDamping = 0.05;           // damping ratio
 constexpr double kAtLimit = 0.1, kAgainst = 0.2;  // shares of ticks
+constexpr double kStalled = 0.005;                // of its setpoint's motion
 constexpr double kQuarter = 0.25;                 // of a gain that is too high: a margin of 4 where it just swung
 
 std::size_t place(std::size_t a, std::size_t b) {
@@ -175,6 +176,23 @@ Diagnosis from_gains(const Gains& gains, const JointSums& sums, const JointSeen&
   return {};
 }
 
+// Its setpoint moves and it does not, although it is pushed. No gain is to blame as long as nothing moves.
+Diagnosis stalled(const JointSums& sums, const JointSeen& seen) {
+  const double asked_rad = std::sqrt(std::max(0.0, covariance(sums, kSetpoint, kSetpoint)));
+  const double moved_rad = std::sqrt(std::max(0.0, covariance(sums, kPosition, kPosition)));
+  if (asked_rad < kOffRad || moved_rad > kStalled * asked_rad) return {};
+  if (sums.most_nm >= seen.torque_max_nm)
+    return told(Diagnosis::Kind::stalled,
+                "joint %s: it does not move although the law asked for all of its %.3g N m: a load or friction above "
+                "its torque holds it, or it is blocked: look at the joint first; gains do not help",
+                seen.joint, seen.torque_max_nm);
+  return told(Diagnosis::Kind::stalled,
+              "joint %s: it does not move while its setpoint does; the law asked for at most %.3g of its %.3g N m: "
+              "friction or a load holds it: give it more torque first (a term for friction or gravity), then look at "
+              "the gains",
+              seen.joint, sums.most_nm, seen.torque_max_nm);
+}
+
 }  // namespace
 
 void JointSums::see(const Sample& sample, double torque_max_nm) {
@@ -206,6 +224,7 @@ Diagnosis diagnose(const JointSums& sums, const JointSeen& seen) {
                 "joint, j = 0 to t.joints - 1",
                 seen.joint, rms_rad);
   }
+  if (Diagnosis found = stalled(sums, seen); found.kind != Kind::none) return found;
   const auto gains = fit(sums);
   if (gains && seen.refused) {
     Diagnosis found = from_gains(*gains, sums, seen);

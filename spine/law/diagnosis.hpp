@@ -41,6 +41,7 @@ struct Diagnosis {
   enum class Kind : std::uint8_t {
     none,  // the evidence is not clear
     no_torque,
+    stalled,
     wrong_sign,
     wrong_damping_sign,
     degrees,

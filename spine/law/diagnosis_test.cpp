@@ -79,6 +79,24 @@ TEST(Diagnosis, EachCauseIsFoundFromWhatTheJointDid) {
   }
 }
 
+// A stiffness that a fit would find, and a shake that blames it: the joint does not move at all.
+TEST(Diagnosis, AJointThatDoesNotMoveIsToldBeforeItsGains) {
+  const auto stuck = [](double kp) {
+    JointSums sums;
+    for (int k = 0; k < 1000; ++k) {
+      const double w = 2 * std::numbers::pi, t_s = k * kDt, setpoint_rad = 0.15 * (1 - std::cos(w * t_s));
+      const double noise_rad = 1e-4 * (k % 2), noise_rad_s = 1e-3 * (k % 3);  // of an encoder
+      sums.see({setpoint_rad, noise_rad, noise_rad_s, 0.15 * w * std::sin(w * t_s), kp * (setpoint_rad - noise_rad)},
+               kTorqueMaxNm);
+    }
+    return found(sums);
+  };
+  EXPECT_EQ(stuck(2).kind, Cause::stalled);
+  EXPECT_NE(std::string(stuck(2).text.data()).find("at most 0.6 of its 2 N m"), std::string::npos);
+  EXPECT_EQ(stuck(20).kind, Cause::stalled);
+  EXPECT_NE(std::string(stuck(20).text.data()).find("gains do not help"), std::string::npos);
+}
+
 TEST(Diagnosis, AnIntegralThatWindsUpIsFound) {
   double sum = 0;
   const auto integral = [&sum](const In& in) {

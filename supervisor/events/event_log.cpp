@@ -86,7 +86,7 @@ std::string_view next_step(std::string_view why) {
       {"guard_stopped", "slow the joint down before its limits; the robot goes on after: lithe reset, lithe arm"},
       {"chattering", "lower the joint's damping, or smooth the speed that it uses"},
       {"oscillating", "lower the joint's stiffness or raise its damping; swings of 35 Hz and more: lower its damping"},
-      {"overran", "make its step shorter; the robot file says what it may take (swap.budget_share)"},
+      {"overran", "make its step shorter (swap.budget_share); where the computer stood still, swap it in again"},
       {"not_finite", "look for a division by 0, or an input that is NaN (std::isnan)"},
       {"law_not_finite", "look for a division by 0, or an input that is NaN (std::isnan); on again: lithe reset"},
       {"bad_access", "keep every array index below t.joints; lithe law show names the line"},

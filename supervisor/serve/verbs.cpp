@@ -91,7 +91,10 @@ void Verbs::add_looks() {
   verbs_["params"] = [this](const ReplyTo& to, const Json&) { reply_(to, params_json(parts_.spine)); };
   verbs_["law_list"] = [this](const ReplyTo& to, const Json&) {
     Json resident = resident_json(parts_.spine);
-    for (Json& law : resident) law["score"] = parts_.swaps.score_of(law["law_id"]);
+    for (Json& law : resident) {
+      law["score"] = parts_.swaps.score_of(law["law_id"]);
+      put_source(law);
+    }
     reply_(to, Json{{"resident", std::move(resident)}});
   };
 }
@@ -195,6 +198,12 @@ void Verbs::activate(const ReplyTo& to, const Json& args) {
   go_back(to, static_cast<std::uint32_t>(found - earlier.rbegin()) + 1, in_short(running));
 }
 
+// The document that has its text, where it is kept.
+void Verbs::put_source(Json& law) const {
+  if (const auto text = parts_.swaps.source_of(law["law_id"].get<std::uint32_t>()); !text.empty())
+    law["source"] = fmt::format("swaps/{}", text.filename().string());
+}
+
 Json Verbs::law_that_runs() const { return in_short(parts_.spine.running_law()); }
 
 // The law that runs after it, the one that it left, and the laws that are gone with that: no rollback leads to them.
@@ -204,8 +213,7 @@ void Verbs::go_back(const ReplyTo& to, std::uint32_t steps, const Json& left) {
   for (const wire::LawInfo& law : parts_.spine.laws()) {
     if (law.law_id > left["law_id"].get<std::uint32_t>()) continue;  // a candidate
     Json told = {{"law", text_of(law.name)}, {"law_id", law.law_id}};
-    if (const auto text = parts_.swaps.source_of(law.law_id); !text.empty())
-      told["source"] = fmt::format("swaps/{}", text.filename().string());
+    put_source(told);
     known.insert(known.begin(), std::move(told));
   }
   const auto answer = [this, left, known](Json json) {

@@ -60,6 +60,7 @@ class Verbs {
   void activate(const ReplyTo& to, const Json& args);
   void go_back(const ReplyTo& to, std::uint32_t steps, const Json& left);
   Json law_that_runs() const;
+  void put_source(Json& law) const;
   void set_params(const ReplyTo& to, const Json& args);
 
   Parts parts_;

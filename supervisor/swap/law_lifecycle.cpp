@@ -35,12 +35,14 @@ Json predicted(const Json& trial, std::size_t joint) {
   return joint < errors.size() && errors[joint].is_number() ? Json(rounded(errors[joint])) : Json(nullptr);
 }
 
-Json control_json(const LawControl& before, const LawControl& after, const wire::RobotInfo& info, const Json& trial) {
+Json control_json(const LawControl& before, const LawControl& after, const LawControl& late,
+                  const wire::RobotInfo& info, const Json& trial) {
   Json joints = Json::array();
   for (std::size_t j = 0; j < after.joints.size(); ++j) {
     joints.push_back({{"joint", joint_name(info, j)},
                       {"before", side_json(before, j)},
                       {"after", side_json(after, j)},
+                      {"late_rms_error_rad", late.ticks == 0 ? Json() : Json(rounded(late.joints[j].rms_error_rad))},
                       {"predicted_rms_error_rad", predicted(trial, j)}});
   }
   const auto whole = [](const LawControl& side) {
@@ -120,7 +122,10 @@ void LawLifecycle::measure_control(Life& life, const std::string& why) {
       control::measure_control(spine_, law_in(spine_, commit), commit - std::min(commit, window), commit);
   const LawControl after = control::measure_control(spine_, life.swap.law_id(), commit, commit + window);
   if (after.ticks == 0) return;
-  Json told = control_json(before, after, spine_.info(), life.swap.certificate().value("trial", Json::object()));
+  // What is left when the joints have come nearer to their setpoints.
+  const LawControl late =
+      control::measure_control(spine_, life.swap.law_id(), commit + 2 * window / 3, commit + window);
+  Json told = control_json(before, after, late, spine_.info(), life.swap.certificate().value("trial", Json::object()));
   if (Json seen = why.empty() ? Json::array() : explained(after, spine_.info(), why); !seen.empty())
     told["seen"] = seen;
   life.swap.note("control", std::move(told));

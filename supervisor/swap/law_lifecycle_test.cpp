@@ -104,18 +104,24 @@ TEST_F(LawLifecycleTest, ComparesOldLawAndNewPerJoint) {
     record->position_rad[0] = tick <= 20 ? 0.2 : -0.1;
     ring.push(*record);
   }
+  for (std::uint64_t tick = 700; tick <= 710; ++tick) {  // the window is 20 to 1020
+    record->tick = tick;
+    record->position_rad[0] = 0.01;
+    ring.push(*record);
+  }
   lifecycle_->serve(500'000'000);
   EXPECT_FALSE(kept_[102].contains("control")) << "its probation is not over";
   lifecycle_->serve(2'000'000'000);
   const Json& control = kept_[102]["control"];
   EXPECT_EQ(control["before"]["ticks"], 20);
-  EXPECT_EQ(control["after"]["ticks"], 20);
+  EXPECT_EQ(control["after"]["ticks"], 31);
   const Json& joint = control["joints"][0];
   EXPECT_EQ(joint["joint"], "elbow");
   EXPECT_DOUBLE_EQ(joint["before"]["rms_error_rad"].get<double>(), 0.2);
-  EXPECT_DOUBLE_EQ(joint["after"]["rms_error_rad"].get<double>(), 0.1);
+  EXPECT_NEAR(joint["after"]["rms_error_rad"].get<double>(), std::sqrt((20 * 0.01 + 11 * 1e-4) / 31), 1e-5);
+  EXPECT_DOUBLE_EQ(joint["late_rms_error_rad"].get<double>(), 0.01) << "of the last third, without the pull-in";
   EXPECT_TRUE(joint["predicted_rms_error_rad"].is_null()) << "it had no trial";
-  EXPECT_EQ(summary_of(kept_[102])["rms_error_rad"]["elbow"], (Json{0.2, 0.1}));
+  EXPECT_EQ(summary_of(kept_[102])["rms_error_rad"]["elbow"], (Json{0.2, joint["after"]["rms_error_rad"]}));
 }
 
 TEST_F(LawLifecycleTest, ASwingIsExplainedWithItsFrequency) {

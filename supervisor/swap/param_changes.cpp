@@ -27,6 +27,14 @@ std::string in_words(const Json& values, const Json& before) {
   return words;
 }
 
+// "kp_nm_rad = 4 again, kd_nm_s_rad = 0.05 again".
+std::string again(const Json& before) {
+  std::string words;
+  for (const auto& [name, value] : before.items())
+    words += fmt::format("{}{} = {:g} again", words.empty() ? "" : ", ", name, value.get<double>());
+  return words;
+}
+
 Json merged(Json values, const Json& newer) {
   for (const auto& [name, value] : newer.items()) values[name] = value;
   return values;
@@ -252,10 +260,13 @@ void ParamChanges::judge_open(std::uint32_t law_id, const std::string& verdict, 
     if (!reason.empty()) record["reason"] = reason;
     if (const std::string_view next = next_step(reason); !next.empty()) record["next"] = std::string(next);
   }
-  for (Json* record : judged)
-    if (verdict == "reverted")
+  if (judged.empty()) return;
+  if (verdict == "reverted") {
+    for (Json* record : judged)
       for (const auto& [name, value] : (*record)["values"].items()) (*record)["went_back_to"][name] = before[name];
-  if (!judged.empty()) tell(past->second);
+    help_.log.note(past->second.request_id, "params_went_back", again(before));  // incidents and agents read it there
+  }
+  tell(past->second);
 }
 
 void ParamChanges::tell(const Past& past) {

@@ -50,8 +50,8 @@ std::vector<std::string> worse_joints(const Json& run, const Json& before, const
   std::vector<std::string> worse;
   if (run.is_object() && before.is_object()) {
     compare(run, before, "on the simulated robot", whom, joints, worse);
-    compare(run.value("rough", Json::object()), before.value("rough", Json::object()), "in the rough run", whom, joints,
-            worse);
+    compare(run.value("rough", Json::object()), before.value("rough", Json::object()),
+            "in the rough run (pushed, 20 % heavier, noisy sensors, one tick later)", whom, joints, worse);
   }
   return worse;
 }

@@ -62,6 +62,10 @@ json to_json(const Report& report, const LoopStats& alone, const LoopStats& alon
                          {"not_recovered", report.hostile_not_recovered},
                          {"worst_ns", report.hostile_worst_ns},
                          {"slowest", text_of(report.hostile_slowest)}});
+  if (report.hostile_not_recovered > 0)
+    out["hostile"]["note"] =
+        "not_recovered: inputs after which the next two steps with ordinary inputs still gave NaN, because State kept "
+        "it; no reason to refuse: in the Spine such a step is a law fault, and its State is not kept";
   out["timing"].update({{"inputs", report.timing_inputs},
                         {"first_ns", report.first_ns},
                         {"p50_ns", report.p50_ns},

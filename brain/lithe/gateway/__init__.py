@@ -21,7 +21,6 @@ connection.
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
 import socket
 import sys
@@ -36,28 +35,25 @@ import numpy as np
 from ..certificates import params_with_verdict, with_verdict
 from ..errors import LitheError, NotRunning, Refused
 from ..robot import Robot
-from ..shm import dtype
 from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
-from . import documents
-from .answers import Encoded, as_json, encode, in_the_words_of_verbs, refusal, refused_by
+from . import changes, documents, happened
+from .answers import Encoded, encode, in_the_words_of_verbs, refusal, refused_by
 from .brief import brief, brief_detail, brief_params
+from .changes import LawWatch, unproven
 from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
 from .lobby import Hello, Lobby
-from .measure import measured
 from .parts import chain_of, parts_of, simulation_of
-from .past import Past
 from .peer import AWAY_S, Peer, Peers
+from .records import Records
 from .references import References
 from .token import write_token
-from .turns import MOST_UNSENT_BYTES, Turns
+from .turns import Turns
 
 __all__ = ["Gateway", "encode", "write_token"]
 
 MOST_CLIENTS = 32  # each may keep a connection to the supervisor, which serves 64
-MOST_LONG_BYTES = MOST_UNSENT_BYTES // 4
-PIECE_TICKS = 128  # of a history, made at a time
 FIRST = frozenset(each.name for each in VERBS if each.first)  # they move or stop the robot
 Verb = Callable[[dict[str, Any]], Any]
 
@@ -95,14 +91,15 @@ class Gateway:
         self.references = References(robot)
         self.lease = Lease()
         self.peers = Peers()
-        self.past = Past(robot)
+        self.laws = LawWatch(robot)
+        self.records = Records(robot, self.turns)
         # .client: whose request this thread handles; .stop_waits(): it has asked for a stop since
         self._asking = threading.local()
         self._ours: dict[str, Verb] = {
             "describe": self._describe,
-            "latest": self._latest,
-            "history": self._history,
-            "measure": self._measure,
+            "latest": self.records.latest,
+            "history": self.records.history,
+            "measure": self.records.measure,
             "publish": self._publish,
             "swap": self._swap,
             "estop": lambda _: robot.estop(),
@@ -110,7 +107,8 @@ class Gateway:
             "state": lambda _: robot.state(),
             "documents": lambda _: {"documents": documents.listed()},
             "document": self._document,
-            "set_reference": lambda args: self.references.set(args, self._asking.client),
+            "events": lambda args: happened.told(robot.call("events", **happened.asked(args)), args),
+            "set_reference": self._set_reference,
             "reference": lambda _: self.references.told(),
             "stop_reference": lambda _: self.references.stop(),
             "lease": self._lease_verb,
@@ -201,6 +199,21 @@ class Gateway:
                 check_names(known, args)
         if verb in BY_NAME and BY_NAME[verb].effect is Effect.moves:
             self.lease.moves(self._asking.client)
+        if verb not in changes.TELL:
+            return self._done(own, verb, args)
+        client, itself, asked_ns = self._asking.client, verb in changes.OWN, time.monotonic_ns()
+        changed, now = self.laws.change(client) if itself else (None, None)
+        result = self._done(own, verb, args)
+        if not isinstance(result, dict):  # the application's own
+            return result
+        if itself:
+            self.laws.did(client, result, asked_ns)
+        else:
+            changed, now = self.laws.change(client)
+            self.laws.knows(client, now)
+        return result | {"law_changed": changed} if changed else result
+
+    def _done(self, own: Verb | None, verb: str, args: dict[str, Any]) -> Any:
         wait = verb == "set_params" and own is None and bool(args.pop("wait", False))
         with self.turns.moving() if verb in FIRST else contextlib.nullcontext():
             result = own(args) if own is not None else self.robot.call(verb, **args)
@@ -238,90 +251,8 @@ class Gateway:
             "now_ns": time.monotonic_ns(),
         }
 
-    def _fields(self, args: dict[str, Any], usual: list[str]) -> list[str]:
-        known = dtype("Telemetry").names or ()
-        fields = args.get("fields") or usual
-        for name in fields:
-            if name not in known:
-                raise Refused("unknown_field", f"telemetry has no field '{name}'", f"one of {', '.join(known)}")
-        return list(fields)
-
-    def _joints(self, args: dict[str, Any]) -> list[int]:
-        known = list(self.robot.spine.joint_names)
-        for name in args.get("joints") or ():
-            if name not in known:
-                raise Refused("unknown_joint", f"there is no joint '{name}'", nearest(str(name), known))
-        return [known.index(name) for name in args.get("joints") or known]
-
-    def _records(self, records: Any, fields: list[str], joints: list[int]) -> dict[str, Any]:
-        out: dict[str, Any] = {}
-        for name in fields:
-            column = records[name]
-            if column.dtype.kind == "f":
-                column = np.round(column, 9)  # finer than any encoder, and half as long as text
-            if name == "sensor":  # JSON has no NaN: an invalid value is null
-                valid = column[..., : len(self.robot.spine.sensor_names)].astype(object)
-                valid[np.isnan(column[..., : valid.shape[-1]])] = None
-                out[name] = valid.tolist()
-            elif column.ndim > records.ndim and name != "probe":
-                out[name] = column[..., joints].tolist()
-            else:
-                out[name] = column.tolist()
-        return out
-
-    def _latest(self, args: dict[str, Any]) -> Any:
-        record = self.robot.telemetry.latest()
-        if record is None:
-            raise Refused("not_ready", "no tick yet", "ask again")
-        return self._records(record, self._fields(args, list(record.dtype.names or ())), self._joints({}))
-
-    def _history(self, args: dict[str, Any]) -> Any:
-        """Records after tick `since_tick`, else of the last `seconds`; of these the ticks that `every` divides, up to
-        `until_tick`, and of arrays by joint the columns of `joints`.
-
-        Before what the Spine still has, `seconds` goes on with thinned records: `thinned` says which.
-        """
-        fields, joints = self._fields(args, ["tick", "release_ns", "position_rad"]), self._joints(args)
-        until = int(args.get("until_tick", np.iinfo(np.int64).max))
-        every = max(1, int(args.get("every", 1)))
-        since = int(args["since_tick"]) if "since_tick" in args else None
-        seconds = float(args.get("seconds", 1.0))
-        with self.turns.long_answer():
-            pieces, wanted = self.robot.telemetry.pieces(PIECE_TICKS, since_tick=since, seconds=seconds)
-            columns: dict[str, list[bytes]] = {name: [] for name in fields}
-            seen = size = 0
-            full = next((piece for piece in pieces if len(piece)), np.empty(0, dtype("Telemetry")))
-            older, told = full[:0], b""
-            if since is None and len(full):
-                older = self.past.before(int(full["tick"][0]), time.monotonic_ns() - int(seconds * 1e9))
-            if len(older):
-                told = (
-                    b', "thinned": ' + as_json({"every": self.past.every, "before_tick": int(full["tick"][0])}).encode()
-                )
-            for records in itertools.chain([older, full], pieces):
-                self.turns.pause()
-                thinned = records[(records["tick"] % every == 0) & (records["tick"] <= until)]
-                seen += 0 if records is older else len(records)
-                if not len(thinned):
-                    continue
-                for name, values in self._records(thinned, fields, joints).items():
-                    columns[name].append(as_json(values)[1:-1].encode())
-                    size += len(columns[name][-1]) + 2
-                if size > MOST_LONG_BYTES:
-                    raise Refused(
-                        "too_long",
-                        f"the answer would be longer than {MOST_LONG_BYTES >> 20} MiB",
-                        "fewer fields, every=N, or several times with since_tick",
-                    )
-            lost = 0 if since is None else wanted - seen
-            parts = [as_json(name).encode() + b": [" + b", ".join(texts) + b"]" for name, texts in columns.items()]
-            result = Encoded(b"{" + b", ".join([*parts, b'"lost": %d' % lost]) + told + b"}")
-            self.turns.keep(len(result))
-            return result
-
-    def _measure(self, args: dict[str, Any]) -> Any:
-        with self.turns.long_answer():
-            return measured(*self.past.window(float(args.get("seconds", 4.0))), self.robot.spine.joint_names)
+    def _set_reference(self, args: dict[str, Any]) -> Any:
+        return self.references.set(args, self._asking.client) | unproven(self.robot)
 
     def _swap(self, args: dict[str, Any]) -> Any:
         short = bool(args.pop("brief", False))

@@ -77,6 +77,8 @@ def _joints(control: Json) -> Json:
         old, new = joint.get("before") or {}, joint.get("after") or {}
         rms = {"old": old.get("rms_error_rad"), "new": new.get("rms_error_rad"),
                "predicted": joint.get("predicted_rms_error_rad")}  # fmt: skip
+        if "late_rms_error_rad" in joint:
+            rms["new_late"] = joint["late_rms_error_rad"]
         each[str(joint.get("joint"))] = {"rms_error_rad": rms, "chatter_hz": new.get("chatter_hz")}
     worst: Json = _rounded(dict(sorted(each.items(), key=_became, reverse=True)))
     kept = beginning(worst, MOST_JOINTS_BYTES) or {}

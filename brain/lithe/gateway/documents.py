@@ -17,6 +17,8 @@ from .brief import brief
 
 Json = dict[str, Any]
 LAWS = ROOT / "laws"
+DOCS = ROOT / "docs"
+WIRE = DOCS / "reference/wire.md"
 CONTRACT = ROOT / "spine/law/include/lithe/law.hpp"
 CPP, MARKDOWN, JSON = "text/x-c++src", "text/markdown", "application/json"
 MOST_SWAPS_BYTES = 32 << 10
@@ -27,14 +29,17 @@ KEPT = (
 OF_A_SWAP = re.compile(r"swaps/([0-9]{1,9})(\.cpp)?")
 FIXED = {
     "contract": (CPP, "the header that every law includes", CONTRACT),
-    "rules": (MARKDOWN, "what a law may use, and how it is tried", ROOT / "docs/laws.md"),
-    "mistakes": (MARKDOWN, "what LITHE says of usual mistakes, and what to write instead", ROOT / "docs/mistakes.md"),
-    "swapping": (MARKDOWN, "the steps of a swap, its terms, probation, and the way back", ROOT / "docs/swap.md"),
-    "agents": (MARKDOWN, "references, swaps and parameters for agents, step by step", ROOT / "docs/agents.md"),
-    "verbs": (MARKDOWN, "every verb and every code of a refusal", ROOT / "docs/reference/verbs.md"),
-    "telemetry": (MARKDOWN, "every field with its unit", ROOT / "docs/reference/wire.md"),
-    "plants": (MARKDOWN, "what a simulated robot contains: delays, model errors", ROOT / "docs/reference/plants.md"),
-    "faults": (MARKDOWN, "each fault, what it means and what leads back", ROOT / "docs/reference/faults.md"),
+    "rules": (MARKDOWN, "what a law may use, and how it is tried", DOCS / "laws.md"),
+    "mistakes": (MARKDOWN, "what LITHE says of usual mistakes, and what to write instead", DOCS / "mistakes.md"),
+    "swapping": (MARKDOWN, "what a swap judges, its terms, probation, and the ways back", DOCS / "swapping.md"),
+    "agents": (MARKDOWN, "references, swaps and parameters for agents, step by step", DOCS / "agents.md"),
+    "verbs": (MARKDOWN, "every verb and every code of a refusal", DOCS / "reference/verbs.md"),
+    "swap_details": (MARKDOWN, "how a law is swapped, and what is not contained", DOCS / "swap.md"),
+    "telemetry": (MARKDOWN, "every field of a tick with its unit, and the names of its numbers", WIRE),
+    "wire": (MARKDOWN, "shared memory: every message, byte by byte", WIRE),
+    "plants": (MARKDOWN, "what a simulated robot contains: delays, model errors", DOCS / "reference/plants.md"),
+    "chain": (MARKDOWN, "the equations of a chain of links, for a law that compensates", DOCS / "reference/chain.md"),
+    "faults": (MARKDOWN, "each fault, what it means and what leads back", DOCS / "reference/faults.md"),
 }
 
 
@@ -66,7 +71,23 @@ def read(name: str, records: Callable[[], Path]) -> Json:
     except OSError as error:
         words = f"cannot read {path.name}: {error.strerror}" + (KEPT if swap and swap[2] else "")
         raise Refused("unknown_document", words, "documents lists those that are there") from None
+    if name == "telemetry":
+        text = fields_of_a_tick(text)
     return Verbatim({"name": name, "type": kinds[name], "text": text})
+
+
+def fields_of_a_tick(wire: str) -> str:
+    """Of the page of shared memory what a reader of telemetry needs: the fields without offsets, and named numbers."""
+    rows = wire.partition("### `Telemetry`")[2].partition("\n### ")[0].splitlines()
+    cells = [[each.strip() for each in row.strip("|").split("|")] for row in rows if row.startswith("|")]
+    table = ["| " + " | ".join((name, unit, kind, what)) + " |" for name, kind, unit, _, what in cells]
+    numbers = wire.partition("## Numbers with names")[2]
+    return (
+        "# Telemetry: one record per tick\n\n[NJ]: one entry for each joint, in the order of `describe`; [NS]: for "
+        "each sensor. `latest` and `history` give only those that there are.\n\n"
+        + "\n".join(table)
+        + f"\n\n## Numbers with names{numbers}"
+    )
 
 
 def swaps(folder: Path) -> list[Json]:

@@ -58,8 +58,29 @@ def simulation_of(robot_file: Path) -> Table | None:
         plant = {"kind": "independent", **config.get("plant", {})}
     except WRONG:
         return None
-    told = {"source": "simulated", "plant": plant, "buses": rates, "joints": joints, "defaults": DEFAULTS}
+    told: Table = {"source": "simulated", "plant": plant, "buses": rates, "joints": joints, "defaults": DEFAULTS}
+    if plant["kind"] == "chain" and len(joints) == len(config["joint"]):
+        told["effective"] = _effective(joints)
     return told if joints else None
+
+
+def _effective(joints: Table) -> Table | None:
+    """Of each link of a chain the constants C, mu and R of the document chain; defaults as in plants.md."""
+    found, outwards_kg = {}, 0.0
+    try:
+        for name, sim in reversed(joints.items()):
+            length_m, mass_kg = float(sim["length_m"]), float(sim["mass_kg"])
+            centre_m = float(sim.get("center_m", length_m / 2))
+            inertia = float(sim.get("link_inertia_kg_m2", mass_kg * length_m**2 / 12))
+            found[name] = {
+                "C_kg_m2": inertia + mass_kg * centre_m**2 + length_m**2 * outwards_kg,
+                "mu_kg_m": mass_kg * centre_m + length_m * outwards_kg,
+                "R_kg_m2": float(sim.get("rotor_inertia_kg_m2", 0.0)),
+            }
+            outwards_kg += mass_kg
+    except WRONG:
+        return None
+    return {name: {key: round(value, 9) for key, value in found[name].items()} for name in joints}
 
 
 def chain_of(robot_file: Path) -> Table | None:

@@ -30,9 +30,12 @@ PROMPTS = {  # its words, what `about` is, its text
         "Measure the robot, find its parameters, write a law that compensates them.",
         "the goal, or what is known of the robot",
         "Read lithe://contract and lithe://rules. " + MOVE + "After 10 s fetch `history` (seconds 6, every 20, fields "
-        "tick, position_rad, velocity_rad_s, torque_nm). For each joint fit by least squares torque_nm = inertia * "
-        "acceleration + viscous * velocity + coulomb * sign(velocity) + gravity * sin(position) + offset; the "
-        "acceleration is the difference of two velocities by their time. Where you cannot compute, take one term after "
+        "tick, position_rad, velocity_rad_s, torque_nm). Where `describe` tells a chain, each joint moves the others: "
+        "lithe://chain has the equations, fit all joints at once (C, mu and R of each link, friction), and let the law "
+        "compute them at the setpoint; of a simulated robot its simulation.effective has C, mu and R. Else fit for "
+        "each joint by least squares torque_nm = inertia * acceleration + viscous * velocity + coulomb * "
+        "sign(velocity) + gravity * sin(position) + offset; the acceleration is the difference of two velocities by "
+        "their time. Where you cannot compute, take one term after "
         "another by its sign and size, and let `measure` judge it. Write a law that adds these torques, at the "
         "setpoint's acceleration and velocity and at the position, to a feedback of position and velocity. " + SWAP,
     ),

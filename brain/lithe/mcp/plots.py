@@ -12,7 +12,7 @@ import json
 import re
 import threading
 from collections.abc import Callable
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -170,4 +170,4 @@ def _recent(call: Call) -> Figure:
 
 def _incident(number: str, call: Call) -> Figure:
     told = call("incident", {"id": int(number)})
-    return incident.figure(told["path"], MOST_JOINTS)
+    return incident.figure(Path(told["folder"]) / told["data"], MOST_JOINTS)

@@ -30,6 +30,7 @@ STAYS = (
     "stay is false here: over MCP a reference ends with the permission, with this server, and after {:g} s of silence"
 )
 MOST_ANSWER_BYTES = 64 << 10  # of one tool: a model reads it all
+THINNER = (2, 4, 10, 20, 40, 100, 200, 400)  # a thinned history has every 20th tick
 WHOLE = "the document swaps has every certificate in short; the whole file is on the robot's computer"
 ROBOT = ("tools/call", "resources/list", "resources/read")  # methods that ask it
 CAPABILITIES: Json = {"tools": {}, "resources": {}, "prompts": {}}
@@ -191,7 +192,7 @@ class Server:
             if verb.name == "document" and plots.is_one(args.get("name")):
                 picture = plots.drawn(args["name"], self._call)
                 return {"content": [{"type": "image", "data": picture, "mimeType": plots.TYPE}], "isError": False}
-            result = self._call(verb.name, args)
+            result = self._fitting_history(args) if verb.name == "history" else self._call(verb.name, args)
             if verb.name == "set_reference" and "since_ns" in result:
                 self._ends_with_the_permission(result)
                 if asked_to_stay:
@@ -214,6 +215,20 @@ class Server:
             )
             return said(f"too_long: {too_long(text)}\nnext: {next_step}", error=True)
         return said(text)
+
+    def _fitting_history(self, args: Json) -> Any:
+        """With more ticks left out, by a multiple of the `every` that was asked for, until it fits."""
+        result, asked = self._call("history", args), max(1, int(args.get("every") or 1))
+        whole_bytes = size = len(json.dumps(result, default=plain))
+        for times in THINNER:
+            if size <= MOST_ANSWER_BYTES:
+                break
+            if isinstance(result, dict) and whole_bytes <= times * MOST_ANSWER_BYTES:
+                every = asked * times
+                note = f"thinned to every={every}, so that it fits; fewer fields, joints or seconds leave more ticks"
+                result = {**self._call("history", {**args, "every": every}), "every": every, "note": note}
+                size = len(json.dumps(result, default=plain))
+        return result
 
     def _ends_with_the_permission(self, told: Json) -> None:
         """The reference that was set, unless another has taken its place by then."""

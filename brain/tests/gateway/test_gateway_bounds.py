@@ -124,7 +124,7 @@ def test_who_does_not_read_is_disconnected_and_the_log_says_why(
 def test_a_long_answer_that_is_too_long_is_refused_with_the_way_out(
     gateway: Gateway, remote: Remote, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lithe.gateway.MOST_LONG_BYTES", 2000)
+    monkeypatch.setattr("lithe.gateway.records.MOST_LONG_BYTES", 2000)
     with pytest.raises(lithe.Refused, match="several times with since_tick") as caught:
         remote.call("history", seconds=1.0)
     assert caught.value.code == "too_long" and gateway.turns.unsent_bytes == 0
@@ -153,8 +153,8 @@ def test_a_long_answer_waits_while_a_moving_verb_is_served(
     gateway: Gateway, monkeypatch: pytest.MonkeyPatch, fair: bool
 ) -> None:
     monkeypatch.setattr("lithe.gateway.turns.MOST_PAUSE_S", 600.0)
-    monkeypatch.setattr("lithe.gateway.PIECE_TICKS", 8)
-    turns = gateway.turns = Turns() if fair else Unfair()
+    monkeypatch.setattr("lithe.gateway.records.PIECE_TICKS", 8)
+    turns = gateway.turns = gateway.records.turns = Turns() if fair else Unfair()
     moving, done = threading.Event(), threading.Event()
 
     def hold(_: dict[str, Any]) -> int:

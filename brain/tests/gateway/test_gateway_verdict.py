@@ -26,7 +26,7 @@ def test_a_short_answer_has_the_verdict_and_old_law_beside_new(remote: Remote) -
     assert told["verdict"] in KEPT and len(json.dumps(told)) < MOST_BYTES, told
     (joint,) = told["joints"].items()
     errors = joint[1]["rms_error_rad"]
-    assert joint[0] == "shoulder" and set(errors) == {"old", "new", "predicted"}
+    assert joint[0] == "shoulder" and set(errors) == {"old", "new", "predicted", "new_late"}
     assert all(isinstance(error, float) and error > 0 for error in errors.values()), told
     assert joint[1]["chatter_hz"] >= 0 and 0 <= told["clamped"] <= 1 and told["missed_ticks"] >= 0
     certificate = json.loads(remote.call("document", name=told["certificate"])["text"])

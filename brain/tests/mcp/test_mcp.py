@@ -195,6 +195,21 @@ def test_a_refusal_says_code_and_next_step(fake: Fake) -> None:
     assert text(fake.tool("status")).startswith("not_running: no gateway")
 
 
+def test_a_history_that_is_too_long_is_thinned_until_it_fits_and_says_so(fake: Fake) -> None:
+    def history(verb: str, args: Json) -> Json:
+        fake.asked.append((verb, args))
+        return {"tick": [n for n in range(100_000, 140_000) if n % args.get("every", 1) == 0], "lost": 0}
+
+    fake.server._call = history
+    told = json.loads(text(fake.tool("history", seconds=40)))
+    assert told["every"] == 10 and "every=10" in told["note"] and told["tick"][:2] == [100_000, 100_010]
+    assert len(fake.asked) == 2, "what cannot fit is not asked for"
+    asked = json.loads(text(fake.tool("history", seconds=40, every=3)))
+    assert asked["every"] == 6 and asked["tick"][0] % 6 == 0, "a multiple of what was asked for"
+    short = json.loads(text(fake.tool("history", every=1000)))
+    assert "every" not in short and "note" not in short
+
+
 def test_an_answer_that_would_fill_the_context_is_refused_with_a_remedy(fake: Fake) -> None:
     fake.result = ["x" * MOST_ANSWER_BYTES]
     told = fake.tool("history", seconds=4)

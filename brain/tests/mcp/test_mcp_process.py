@@ -74,7 +74,7 @@ def test_a_client_that_knows_only_mcp_changes_the_law_and_goes_back(process: Pro
     before = json.loads(text(process.tool("status")))["law"]
     certificate = json.loads(text(process.tool("swap", source=law, name="gravity_pd.cpp")))
     assert certificate["verdict"] in ("confirmed", "unproven"), "it waited for the verdict"
-    assert set(certificate["joints"]["shoulder"]["rms_error_rad"]) == {"old", "new", "predicted"}
+    assert set(certificate["joints"]["shoulder"]["rms_error_rad"]) == {"old", "new", "predicted", "new_late"}
     assert json.loads(text(process.tool("status")))["law"] != before
     assert not process.tool("rollback")["isError"]
     wrong = process.tool("swap", source=law, probation=1)

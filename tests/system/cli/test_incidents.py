@@ -6,9 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from calm import calm_text
 from lithe import incident
 from lithe.errors import LitheError
+from lithe.gateway import Gateway
+from lithe.remote import Remote
 from system.robot_rig import RobotRig
+from system.simulated import running
 
 CRASHES = """
 #include <lithe/law.hpp>
@@ -62,6 +66,48 @@ def test_a_crash_is_kept_with_a_second_before_and_after(arm: RobotRig) -> None:
     arm.wait_for(lambda: not arm.socket.exists())
     listed = json.loads(arm.lithe("incident", "list", "--folder", folder, "--json").stdout)
     assert number in [each["id"] for each in listed["incidents"]]
+
+
+FOLLOWS_THEN_CRASHES = """
+#include <lithe/law.hpp>
+struct Late {
+  struct Params { lithe::Param kp_nm_rad{4.0, 0.0, 40.0}; };
+  struct State { std::uint32_t steps = 0; };
+  static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
+    for (std::uint32_t j = 0; j < t.joints; ++j)
+      u.torque_nm[j] = double(p.kp_nm_rad) * (t.setpoint_position_rad[j] - t.position_rad[j])
+                     + 0.1 * (t.setpoint_velocity_rad_s[j] - t.velocity_rad_s[j]);
+    if (++s.steps > 8000) *(volatile int*)8 = 1;  // longer than a trial and its probation
+  }
+};
+LITHE_LAW(Late, "late");
+"""
+
+
+def test_a_confirmed_law_that_leaves_the_chain_later_is_told_with_the_next_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Which law, why, which incident, and what leads back, though the client asked for none of it."""
+    with running(calm_text(robot="chain"), monkeypatch) as (rig, robot):
+        gateway = Gateway(robot, token="sesame")
+        gateway.start()
+        with Remote("127.0.0.1", gateway.port, "sesame") as agent:
+            agent.call("set_reference", kind="sine", centre_rad=0.0, amplitude_rad=0.2, frequency_hz=1.0, stay=True)
+            done = agent.call("swap", source=FOLLOWS_THEN_CRASHES, name="late.cpp", probation_s=0.5, brief=True)
+            assert done["verdict"] == "confirmed" and "law_changed" not in done
+            assert done["joints"]["wrist"]["rms_error_rad"]["new_late"] >= 0
+            rig.wait_for(lambda: "law_faulted" in [each["kind"] for each in robot.call("incidents")["incidents"]], 60)
+            told = agent.call("measure", seconds=0.5)
+            number = told["law_changed"]["incident"]
+            kept = agent.call("history", incident=number, fields=["tick", "law_id"], every=20)
+        gateway.close()
+    assert told["law"] == "pd" and set(told["params"]) == {"kp_nm_rad", "kd_nm_s_rad"}
+    changed = told["law_changed"]
+    assert changed["was"] == {"law": "late", "law_id": done["law_id"], "params": {"kp_nm_rad": 4.0}}
+    (cause,) = [each for each in changed["because"] if each["kind"] == "law_rolled_back"]
+    assert "bad_access" in cause["text"] and "index" in cause["next"]
+    assert f"document {done['certificate']}.cpp" in changed["next"]
+    assert "bad_access" in kept["what"] and {done["law_id"], told["law_id"]} == set(kept["law_id"])
 
 
 def test_what_is_no_incident_is_refused(tmp_path: Path) -> None:

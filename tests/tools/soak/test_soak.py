@@ -201,7 +201,8 @@ def test_a_robot_without_a_way_back_is_seen(judge: Judge, monkeypatch: pytest.Mo
 class StopsLate:
     """A rig whose robot stops when a new Brain is started, as often as `stops` says; verbs lead back."""
 
-    def __init__(self, stops: int) -> None:
+    def __init__(self, stops: int, out: Path) -> None:
+        self.out = out
         self.processes: dict[str, subprocess.Popen[Any]] = {}
         self.stops, self.brains, self.mode = stops, 0, "active"
 
@@ -222,8 +223,7 @@ class StopsLate:
 
 @pytest.mark.parametrize("stops", [0, 1, 4])
 def test_a_stop_before_the_new_brain_is_led_back(judge: Judge, tmp_path: Path, stops: int) -> None:
-    rig = StopsLate(stops)
-    rig.out = tmp_path  # type: ignore[attr-defined]
+    rig = StopsLate(stops, tmp_path)
     soak = actions.Soak(rig, None, judge, False)  # type: ignore[arg-type]
     soak.way_back()
     assert (rig.mode, rig.brains) == ("active", stops + 1)
@@ -231,9 +231,7 @@ def test_a_stop_before_the_new_brain_is_led_back(judge: Judge, tmp_path: Path, s
 
 
 def test_a_robot_that_refuses_each_new_brain_is_seen(judge: Judge, tmp_path: Path) -> None:
-    rig = StopsLate(1000)
-    rig.out = tmp_path  # type: ignore[attr-defined]
-    soak = actions.Soak(rig, None, judge, False)  # type: ignore[arg-type]
+    soak = actions.Soak(StopsLate(1000, tmp_path), None, judge, False)  # type: ignore[arg-type]
     assert "refused_not_ready" in breaks("way_back", soak.way_back)
 
 
