@@ -17,9 +17,9 @@ WAY_PAGE = "supervisor/README.md"
 WAY = "From text to tick"
 ON_THE_WAY = """
     Server::read_from Verbs::handle Swaps::submit Swaps::swap_law Sequence::Until::await_suspend
-    SwapState::mark_committed ServiceLink::ask LawdLink::compile SpineLink::take_slot TrialLink::attempt Service::compile
-    Service::place Zygote::attempt run_trial SpineLink::stage Swaps::hear Loader::stage ArenaStore::load Rehearsal::prepare
-    Slot Spine::tick ControlStep::run Laws::swap
+    SwapState::mark_committed ServiceLink::ask LawdLink::compile SpineLink::take_slot TrialLink::attempt
+    Service::compile Service::place Zygote::attempt run_trial SpineLink::stage Swaps::hear Loader::stage
+    ArenaStore::load Rehearsal::prepare Slot Spine::tick ControlStep::run Laws::swap
 """
 
 # room -> rooms it may include (itself is always allowed). The most specific room that holds a file wins.
