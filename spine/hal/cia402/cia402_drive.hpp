@@ -67,7 +67,7 @@ class Cia402Drive final : public Drive {
   static constexpr std::int64_t kBootNs = 5'000'000'000;
   // A heartbeat this long after a reset: the drive did not receive the reset.
   static constexpr std::int64_t kResetNs = 200'000'000;
-  static constexpr std::uint64_t kVelocityAge = 2;      // commands for which a velocity may stand in for a lost one
+  static constexpr std::uint64_t kVelocityAge = 2;  // commands for which a velocity may stand in for a lost one
 
   void forgive() LITHE_RT;
   void reset_if_needed(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT;
@@ -126,7 +126,7 @@ class Cia402Drive final : public Drive {
   std::uint64_t commanded_ = 0;   // exchange in which it was commanded last
   std::uint32_t unanswered_ = 0;  // commands since the last whole answer
   std::int64_t enabling_from_ns_ = 0;
-  bool resetting_ = false;        // a fault, since `torque` followed `off`
+  bool resetting_ = false;      // a fault, since `torque` followed `off`
   std::uint32_t clearing_ = 0;  // commands that were to clear a fault
 
   State state_ = State::not_ready;
