@@ -32,6 +32,7 @@ from typing import Any
 
 import numpy as np
 
+from .._wire import Mode
 from ..certificates import params_with_verdict, with_verdict
 from ..errors import LitheError, NotRunning, Refused
 from ..robot import Robot
@@ -217,7 +218,19 @@ class Gateway:
         wait = verb == "set_params" and own is None and bool(args.pop("wait", False))
         with self.turns.moving() if verb in FIRST else contextlib.nullcontext():
             result = own(args) if own is not None else self.robot.call(verb, **args)
-        return brief_params(params_with_verdict(self.robot, result, self._wants_more)) if wait else result
+        if not wait:
+            return result
+        answer = params_with_verdict(self.robot, result, self._wants_more)
+        return brief_params(answer | {"warnings": [*self._shows_nothing(), *answer.get("warnings", [])]})
+
+    def _shows_nothing(self) -> list[str]:
+        """Why new values have no effect that could be seen now: a sentence, or none."""
+        record = self.robot.telemetry.latest()
+        if record is not None and int(record["mode"]) not in (Mode.active, Mode.hold):
+            mode = Mode(int(record["mode"])).name
+            return [f"no law runs: the robot is in mode {mode}; status says why, and what leads back"]
+        ended = self.references.told()["ended"]
+        return [f"no reference runs ({ended}): at rest nothing shows what the values do"] if ended else []
 
     # ---- the gateway's own verbs
     def _describe(self, _: dict[str, Any]) -> Any:

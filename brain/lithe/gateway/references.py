@@ -185,7 +185,8 @@ class References:
                 if self._thread is None:
                     self._thread = threading.Thread(target=self._run, name="lithe-references", daemon=True)
                     self._thread.start()
-        return self.told()
+        note = f"it ends when this client sends no request for {stale_s:g} s (client_stale_s), or leaves (stay)"
+        return self.told() | ({} if stay else {"note": note})
 
     def heard(self, owner: object) -> None:
         """That client has said something."""

@@ -72,6 +72,22 @@ def test_set_params_says_what_went_back_to_which_values_and_why_and_what_holds_n
     assert at_once["params"][0]["value"] == 4.5 and "verdict" not in at_once, "as it was, unless it is asked to wait"
 
 
+def test_set_params_says_when_nothing_can_show_what_the_values_do(remote: Remote) -> None:
+    assert "5 s" in remote.call("set_reference", **{**SINE, "client_stale_s": 5})["note"]
+    assert remote.call("swap", source=PD, name="pd.cpp", probation_s=0)["verdict"] == "committed"
+    moving = remote.call("set_params", values={"kp_nm_rad": 4.2}, wait=True)
+    assert not [each for each in moving.get("warnings", []) if each.startswith("no ")], moving
+    remote.call("stop_reference")
+    RobotRig.wait_for(lambda: remote.call("reference")["streams"] is False)
+    assert remote.call("set_params", values={"kp_nm_rad": 4.1}, wait=True)["warnings"][0] == (
+        "no reference runs (stopped): at rest nothing shows what the values do"
+    )
+    remote.call("disarm")
+    told = remote.call("set_params", values={"kp_nm_rad": 4.0}, wait=True)
+    assert told["warnings"][0].startswith("no law runs: the robot is in mode disarmed"), told
+    remote.call("arm")
+
+
 def test_a_swap_in_short_has_parameters_that_did_not_stay_and_a_long_list_of_them_is_cut() -> None:
     reason = "oscillating: joint hip"
     back = {"verdict": "reverted", "values": {"kp": 9.0}, "went_back_to": {"kp": 4.0}, "reason": reason}
