@@ -222,7 +222,7 @@ TEST_F(ParamChangesTest, SeveralUnprovenChangesGoBackToTheValuesBeforeTheFirst) 
   EXPECT_EQ(kept_[1]["went_back_to"], (Json{{"kp", 2.0}, {"kd", 0.05}}));
   const Json last = log_.since(log_.last() - 1, 1)["events"][0];
   EXPECT_EQ(last["kind"], "params_went_back") << "an incident has the values in its events";
-  EXPECT_EQ(last["text"], "kd = 0.05 again, kp = 2 again");
+  EXPECT_EQ(last["text"], "kp = 2 again, kd = 0.05 again");
 }
 
 TEST_F(ParamChangesTest, ValuesThatLeaveWithTheirLawAreToldSo) {
