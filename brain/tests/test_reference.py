@@ -47,7 +47,7 @@ def test_every_verb_is_on_its_page() -> None:
     verbs = set(re.findall(r'verbs_\["(\w+)"\]', text))
     verbs |= set(re.findall(r'\{"(\w+)", wire::CommandKind::', text))
     gateway = (ROOT / "brain/lithe/gateway/__init__.py").read_text(encoding="utf-8")
-    verbs |= set(re.findall(r'^ {12}"(\w+)": (?:self\._\w+,|lambda )', gateway, re.M))
+    verbs |= set(re.findall(r'^ {12}"(\w+)": (?:self\.(?:_|records\.)\w+,|lambda )', gateway, re.M))
     assert {"swap", "arm", "estop", "history"} <= verbs, "the search finds them"
     assert verbs - first_column("verbs.md") == set()
     assert verbs == set(BY_NAME), "the gateway refuses what is not in its table"
