@@ -25,11 +25,12 @@ test: ROOMS := cmake --build --preset release --target help | grep -oE "[a-z0-9_
 test: KNOWN = $(if $(ROOM),{ $(ROOMS) | grep -qx $(ROOM) || { echo "make test: there is no room $(ROOM). Rooms:" $$($(ROOMS)) >&2; exit 1; }; } &&)
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
 	@rm -rf $(SAID) && mkdir -p $(SAID)
-	@ctest --preset release -j $(WORKERS) --progress --output-junit $(CURDIR)/$(SAID)/ctest.xml $(if $(ROOM),-L '(^|[.])$(ROOM)$$')
+	@ctest --preset release -j $(WORKERS) --progress --output-junit $(CURDIR)/$(SAID)/ctest.xml $(if $(ROOM),-L '(^|[.])$(ROOM)$$') || \
+	  ctest --preset release --rerun-failed --output-junit $(CURDIR)/$(SAID)/ctest-again.xml
 	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(BESIDE) --junitxml=$(SAID)/pytest.xml || \
-	  $(PYTHON) -m pytest --last-failed --lfnf=none $(BESIDE) --junitxml=$(SAID)/again.xml)
+	  $(PYTHON) -m pytest --last-failed --lfnf=none $(BESIDE) --junitxml=$(SAID)/pytest-again.xml)
 	@$(if $(ROOM),,$(PYTHON) -m pytest -m 'alone and not long' --junitxml=$(SAID)/alone.xml)
-	@$(PYTHON) tools/summary.py $(foreach runner,ctest pytest again alone,$(SAID)/$(runner).xml)
+	@$(PYTHON) tools/summary.py $(foreach runner,ctest ctest-again pytest pytest-again alone,$(SAID)/$(runner).xml)
 
 test-fast: PACKAGES := build test
 test-fast: release  ## C++ tests without properties of thousands of runs and fuzzer seeds; of Python the tools' tests

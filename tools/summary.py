@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
-AGAIN = "again"  # the file of the run that repeats what failed beside other tests
+AGAIN = "-again"  # ends the name of the file of a run that repeats what failed beside other tests
 ONCE_MORE = "run once more"  # the property of a test that tests/stolen_time.py repeated
 
 
@@ -34,13 +34,19 @@ def outcome(case: ElementTree.Element) -> str:
     return "inconclusive" if skipped.get("message", "").startswith("INCONCLUSIVE") else "skipped"
 
 
+def name_of(case: ElementTree.Element) -> str:
+    """The name by which its runner takes a test: ctest gives its tests no class but their name."""
+    name, home = case.get("name", ""), case.get("classname", "")
+    return name if home == name else f"{home.replace('.', '/')}.py::{name}"
+
+
 def repeated(file: Path) -> list[str]:
     """The tests of one runner that were run a second time: each says what came of it then."""
     cases = ElementTree.parse(file).getroot().iter("testcase") if file.exists() else []
     return [
-        f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')} ({outcome(case)})"
+        f"{name_of(case)} ({outcome(case)})"
         for case in cases
-        if file.stem == AGAIN or any(each.get("name") == ONCE_MORE for each in case.iter("property"))
+        if file.stem.endswith(AGAIN) or any(each.get("name") == ONCE_MORE for each in case.iter("property"))
     ]
 
 

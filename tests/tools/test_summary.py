@@ -21,7 +21,7 @@ def test_both_kinds_of_files_are_read_and_a_missing_one_is_left_out(
 ) -> None:
     (tmp_path / "ctest.xml").write_text(CTEST)
     (tmp_path / "pytest.xml").write_text(PYTEST)
-    names = [str(tmp_path / f"{name}.xml") for name in ("ctest", "pytest", "again")]
+    names = [str(tmp_path / f"{name}.xml") for name in ("ctest", "pytest", "pytest-again")]
     monkeypatch.setattr("sys.argv", ["summary.py", *names])
     assert summary.main() == 0
     assert capsys.readouterr().out == (
@@ -55,17 +55,29 @@ def test_the_last_line_names_every_test_that_needed_its_repeat(
     pytester.makepyfile(test_room=FLAKY)
     for name, words in (
         ("pytest", ("-n", "1")),
-        ("again", ("--last-failed", "--lfnf=none")),
+        ("pytest-again", ("--last-failed", "--lfnf=none")),
         ("alone", ("-p", "no:cacheprovider", "-k", "passes or time")),
     ):
         pytester.runpytest_subprocess("-p", "stolen_time", *words, f"--junitxml={name}.xml")
     capsys.readouterr()
-    monkeypatch.setattr("sys.argv", ["summary.py", "pytest.xml", "again.xml", "alone.xml"])
+    monkeypatch.setattr("sys.argv", ["summary.py", "pytest.xml", "pytest-again.xml", "alone.xml"])
     assert summary.main() == 0
     assert capsys.readouterr().out == (
-        "test: pytest 2 passed, 2 failed, 0 skipped · again 1 passed, 1 failed, 0 skipped · "
+        "test: pytest 2 passed, 2 failed, 0 skipped · pytest-again 1 passed, 1 failed, 0 skipped · "
         "alone 2 passed, 0 failed, 0 skipped · 3 needed a repeat: test_room.py::test_is_flaky (passed), "
         "test_room.py::test_is_broken (failed), test_room.py::test_lost_its_time (passed)\n"
+    )
+
+
+def test_a_cpp_test_that_needed_its_repeat_is_named_as_ctest_names_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = '<testcase name="DogTest.Barks" classname="DogTest.Barks"/>'
+    (tmp_path / "ctest-again.xml").write_text(f'<testsuite tests="1" failures="0" skipped="0">{case}</testsuite>')
+    monkeypatch.setattr("sys.argv", ["summary.py", str(tmp_path / "ctest-again.xml")])
+    assert summary.main() == 0
+    assert capsys.readouterr().out == (
+        "test: ctest-again 1 passed, 0 failed, 0 skipped · 1 needed a repeat: DogTest.Barks (passed)\n"
     )
 
 
