@@ -77,6 +77,18 @@ void put_facts(std::string_view text, const wire::RobotInfo& info, Json& out) {
   out["limit"] = limit;
 }
 
+// A robot moves otherwise than its law wants while the computer stands still. Then less gain does not help. The
+// NoiseFilter passes the first late tick of each second: the newest may be a second younger than the one that is known.
+constexpr std::int64_t kLateBeforeNs = 2'000'000'000;
+constexpr std::string_view kLateBefore =
+    "look at the computer first (lithe doctor): ticks came late within the 2 s before; if that was not the cause, ";
+
+bool is_of_motion(std::string_view why) {
+  constexpr std::string_view kReasons[] = {"tracking_lost", "guard_busy",     "guard_stopped", "chattering",
+                                           "oscillating",   "position_limit", "velocity_limit"};
+  return std::ranges::find(kReasons, why.substr(0, why.find_first_of(":; "))) != std::end(kReasons);
+}
+
 }  // namespace
 
 std::string_view next_step(std::string_view why) {
@@ -159,9 +171,13 @@ std::string event_line(const Json& event) {
 }
 
 void EventLog::add(Json event) {
+  const std::string kind = event.value("kind", "");
+  const auto t_ns = event.value("t_ns", std::int64_t{0});
+  if (kind == "deadline_missed") last_late_ns_ = t_ns;
+  if (event.contains("next") && is_of_motion(event.value("text", "")) && t_ns - last_late_ns_ < kLateBeforeNs)
+    event["next"] = std::string(kLateBefore) + event["next"].get<std::string>();
   Json numbered = {{"cursor", ++last_}};
   numbered.update(event);
-  const std::string kind = event.value("kind", "");
   if (kind == "safe_stop" || kind == "group_stopped") last_stop_ = event;
   if (kind == "reset" || kind == "recovering") last_stop_ = nullptr;
   events_.push_back(std::move(numbered));

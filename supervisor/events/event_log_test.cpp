@@ -163,6 +163,24 @@ TEST(EventLog, KeepsTheLastStopUntilTheReset) {
   EXPECT_TRUE(log.last_stop().is_null());
 }
 
+// A law is not to blame for what a joint did while the computer stood still.
+TEST(EventLog, AStopAfterLateTicksNamesTheComputerFirst) {
+  const std::int64_t late_ns = 5 * kNsPerS;
+  const auto next_of = [late_ns](std::int64_t t_ns, const char* text) {
+    EventLog log;
+    log.add({{"kind", "deadline_missed"}, {"t_ns", late_ns}});
+    log.add({{"kind", "safe_stop"}, {"t_ns", t_ns}, {"text", text}, {"next", "give the law less gain"}});
+    EXPECT_EQ(log.since(0, 2)["events"][1]["next"], log.last_stop()["next"]) << "the alarm has the same words";
+    return log.last_stop()["next"].get<std::string>();
+  };
+  const std::string soon = next_of(late_ns + kNsPerS, "velocity_limit at joint hip");
+  EXPECT_TRUE(soon.starts_with("look at the computer first")) << soon;
+  EXPECT_TRUE(soon.ends_with("give the law less gain")) << soon;
+  EXPECT_EQ(next_of(late_ns + 2 * kNsPerS, "velocity_limit at joint hip"), "give the law less gain");
+  EXPECT_EQ(next_of(late_ns + kNsPerS, "drive_lost at joint hip"), "give the law less gain");
+  EXPECT_EQ(next_of(late_ns + kNsPerS, "deadline_missed"), "give the law less gain") << "it says so itself";
+}
+
 TEST(EventJson, PutsTheCodeIntoTheWordsOfItsKind) {
   EXPECT_EQ(event_json(event_of(wire::EventKind::fault, 4))["reason"], "velocity_limit");
   EXPECT_EQ(event_json(event_of(wire::EventKind::law_refused, 3))["reason"], "abi_mismatch");

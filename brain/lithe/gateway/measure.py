@@ -13,6 +13,8 @@ from ..errors import Refused
 
 BRAIN_STALE = TelemetryFlags.brain_stale
 CHANGED_NM, CHANGED_SHARE = 1e-6, 0.01  # a command that differs more from the law's torque is the guard's
+ROUNDING_RAD = 1e-7  # two numbers for one position of an encoder
+LEAST_STEPS = 20  # fewer positions do not show that they have a step
 CLAMPED = (
     TelemetryFlags.torque_clamped | TelemetryFlags.slew_clamped | TelemetryFlags.position_clamped
     | TelemetryFlags.velocity_clamped | TelemetryFlags.power_clamped
@@ -62,6 +64,31 @@ def _setpoint(records: npt.NDArray[Any], counted: npt.NDArray[np.bool_]) -> dict
     return {"setpoint_rested_s": round(rested_s, 3), "warning": words}
 
 
+def position_step_rad(position_rad: npt.NDArray[np.float64]) -> float | None:
+    """The step of the encoder [rad], shape (n,) of positions: that of which all differences are multiples.
+
+    None: it is finer than what these positions show. Of errors that are spread evenly over a step, the rms is the step
+    divided by the square root of 12: no law comes below.
+    """
+    apart_rad = np.diff(np.unique(position_rad))
+    apart_rad = apart_rad[apart_rad > ROUNDING_RAD]
+    if len(apart_rad) < LEAST_STEPS:
+        return None
+    steps = apart_rad / apart_rad.min()
+    least = apart_rad[steps < 1.5].mean()  # of several: each is rounded
+    steps = apart_rad / least
+    whole = np.abs(steps - np.round(steps)) < 0.1
+    # Positions at random are apart by whole multiples of their smallest distance in a fifth of the cases only.
+    return float(least) if whole.mean() > 0.95 and (np.round(steps) <= 3).mean() > 0.5 else None
+
+
+def _encoder(position_rad: npt.NDArray[np.float64]) -> dict[str, float]:
+    step_rad = position_step_rad(position_rad)
+    if step_rad is None:
+        return {}
+    return {"position_step_rad": float(f"{step_rad:.3g}"), "least_rms_error_rad": float(f"{step_rad / 12**0.5:.3g}")}
+
+
 def measured(records: npt.NDArray[Any], weights: npt.NDArray[np.float64], joints: list[str]) -> dict[str, Any]:
     """The answer of the verb `measure`: only ticks in mode active under the law of the newest record count.
 
@@ -93,6 +120,7 @@ def measured(records: npt.NDArray[Any], weights: npt.NDArray[np.float64], joints
                 "max_error_tick": int(theirs["tick"][np.abs(error_rad[:, j]).argmax()]),
                 "rms_torque_nm": float(f"{np.sqrt(mean @ torque_nm[:, j] ** 2):.3g}"),
                 "max_torque_nm": float(f"{np.abs(torque_nm[:, j]).max():.3g}"),
+                **_encoder(theirs["position_rad"][:, j]),
                 **_clamped(theirs, mean, j),
             }
             for j, name in enumerate(joints)

@@ -9,7 +9,7 @@ import pytest
 import synthetic
 from lithe import Refused
 from lithe._wire import Mode, PlanState, TelemetryFlags
-from lithe.gateway.measure import measured
+from lithe.gateway.measure import measured, position_step_rad
 from lithe.remote import Remote
 
 
@@ -76,3 +76,18 @@ def test_the_joint_that_the_guard_changed_is_told_with_the_flags() -> None:
     told = measured(records, np.ones(400), ["arm", "hand"])["joints"]
     assert told["hand"]["clamped_share"] == 0.01 and told["hand"]["clamped_by"] == ["position_clamped"]
     assert "clamped_share" not in told["arm"]
+
+
+def test_the_step_of_the_encoder_and_the_least_error_are_told() -> None:
+    """A goal below the resolution of a position sensor cannot be reached by any law."""
+    records, t_s = moving(4000, 3), np.arange(4000) * 1e-3
+    swing_rad = 0.2 * np.sin(2 * np.pi * 0.5 * t_s)
+    step_rad = 2 * np.pi / 16384
+    records["position_rad"][:, 0] = swing_rad
+    records["position_rad"][:, 1] = np.round(swing_rad / step_rad) * step_rad + 0.3
+    records["position_rad"][:, 2] = np.random.default_rng(1).normal(0, 0.1, 4000)
+    told = measured(records, np.ones(4000), ["fine", "coarse", "noisy"])["joints"]
+    assert told["coarse"]["position_step_rad"] == pytest.approx(step_rad, rel=0.01)
+    assert told["coarse"]["least_rms_error_rad"] == pytest.approx(step_rad / 12**0.5, rel=0.01)
+    assert not {"position_step_rad", "least_rms_error_rad"} & (set(told["fine"]) | set(told["noisy"]))
+    assert position_step_rad(records["position_rad"][:15, 1]) is None, "too few positions"
