@@ -105,7 +105,8 @@ TEST_F(TrialTest, ARobotWhoseDrivesAreSetUpFirstIsRiddenWhenTheyAreReady) {
   EXPECT_GE(loop["ticks"].get<int>(), 100) << reply.dump();
   EXPECT_EQ(loop["fault"], "none");
   EXPECT_EQ(loop["without_a_law"]["fault"], "none");
-  EXPECT_EQ(loop["without_a_law"]["ticks"].get<int>(), 1000);
+  EXPECT_GE(loop["without_a_law"]["ticks"].get<int>(), 100);
+  EXPECT_EQ(loop["without_a_law"]["whole_ticks"].get<int>(), 1000);
 }
 
 TEST_F(ZygoteTest, CrashIsNamedWithItsPlace) {
@@ -129,12 +130,20 @@ TEST_F(ZygoteTest, TrialThatRanOutOfTimeIsDoneOnceMoreInTwiceTheBox) {
 }
 
 // Its 32 drives alone take longer than this box: that is not the law's fault, and no reason to look at less of it.
+// Why this computer simulates a robot for a part of the second only, whatever the box; "" = for all of it.
+std::string why_short(const json& reply) {
+  for (const json& each : reply.value("warnings", json::array()))
+    if (each.get<std::string>().find("takes too long to simulate") != std::string::npos) return each;
+  return "";
+}
+
 TEST_F(TrialTest, TheTimeOfTheSimulatedRobotComesOnTopOfTheBox) {
   constexpr int kEnough = 250;  // of 1000; where processes share a core, their caches are cold and a step takes longer
   auto zygote = Zygote::make(LITHE_ROBOTS "/arm32.toml", -1);
   ASSERT_TRUE(zygote) << zygote.message();
   const json request = {{"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}};
   const json reply = answer_of(*zygote, request);
+  if (const std::string why = why_short(reply); !why.empty()) GTEST_SKIP() << why;
   const json& loop = reply["report"]["loop"];
   EXPECT_GE(loop["ticks"].get<int>(), kEnough) << reply.dump();
   EXPECT_GE(loop["rough"]["ticks"].get<int>(), kEnough);
@@ -151,6 +160,7 @@ TEST_F(TrialTest, ASmallBoxDoesNotHideWhatGrowsSlowly) {
   do {
     reply = zygote->answer(request.dump(), quit);
   } while (reply.value("starved", false));
+  if (const std::string why = why_short(reply); !why.empty()) GTEST_SKIP() << why;
   EXPECT_FALSE(reply["ok"].get<bool>()) << reply.dump();
   EXPECT_NE(reply.value("reason", "").find("swings to and fro"), std::string::npos) << reply.dump();
 }

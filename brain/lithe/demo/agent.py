@@ -43,6 +43,7 @@ REST_S = 0.3  # a probe has ended when the joints have rested so long
 # of the tick rate leaves room for one tick of delay, and what was measured of a slow bus or drive counts in full.
 MOST_BANDWIDTH_RAD_S = 60.0
 LAG_RAD = 0.2  # of phase, that the whole way from a torque commanded to one measured may cost at the bandwidth
+SLOW_COMPUTER_S = 600.0  # for one answer: on an emulated board a swap takes minutes
 DAMPING = 1.8  # twice the damping ratio
 
 
@@ -326,7 +327,7 @@ def main() -> int:
     options.model_options(parser, required=False)
     args = parser.parse_args()
     try:
-        remote = Remote(args.host, args.port, args.token_file.read_text().strip())
+        remote = Remote(args.host, args.port, args.token_file.read_text().strip(), timeout_s=SLOW_COMPUTER_S)
         agent = Agent(remote) if args.url is None else ModelAgent(remote, args)
         arms = agent.probe(agent.baseline())
         agent.gravity_only(arms)
