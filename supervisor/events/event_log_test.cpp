@@ -5,6 +5,7 @@
 
 #include <algorithm>
 
+#include "spine/core/time.hpp"
 #include "supervisor/link/spine/test/spine_rig.hpp"
 
 namespace lithe::control {
