@@ -3,6 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
 #include "spine/core/test/no_alloc_rig.hpp"
 #include "spine/plan/test/plan_rig.hpp"
 
@@ -59,6 +64,33 @@ TEST(Interpolator, AGoToIsOneSmoothMoveThatArrivesOnTime) {
   EXPECT_NEAR(end.position_rad[0], 1.0, 1e-12);
   EXPECT_EQ(end.velocity_rad_s[0], 0.0);
   EXPECT_EQ(end.state, PlanState::hold);
+}
+
+// A sine of 0.5 Hz and 0.6 rad as a Brain streams it: every 20 ms a plan with points 20 ms apart, the first `behind` of
+// them in the past. Returns how far the acceleration is from the sine's, at worst, once it follows [rad/s^2].
+double worst_acceleration_of_a_stream(int behind) {
+  const double rad_s = std::numbers::pi, rad = 0.6;
+  Bench bench;
+  double worst = 0;
+  for (int t_ms = 0; t_ms < 4000; ++t_ms) {
+    if (t_ms % 20 == 3) {
+      std::vector<Waypoint> points;
+      for (int i = 1 - behind; i <= 12; ++i) {
+        const double at_ms = 20 * (t_ms / 20 + i);
+        points.push_back({at_ms, rad * std::sin(rad_s * at_ms * 1e-3)});
+      }
+      EXPECT_EQ(bench.accept(make_plan(points, true), t_ms), PlanReject::none) << t_ms;
+    }
+    const double truth = -rad * rad_s * rad_s * std::sin(rad_s * t_ms * 1e-3);
+    const double seen = bench.at(t_ms).acceleration_rad_s2[0];
+    if (t_ms > 1000) worst = std::max(worst, std::abs(seen - truth));
+  }
+  return worst;
+}
+
+TEST(Interpolator, AStreamWhosePlansBeginInThePastHasTheAccelerationOfItsCurve) {
+  EXPECT_LT(worst_acceleration_of_a_stream(2), 0.1 * 5.92);
+  EXPECT_GT(worst_acceleration_of_a_stream(0), 0.5 * 5.92) << "ahead of a plan's first point it is that of the blend";
 }
 
 TEST(Interpolator, APlanAheadStartsFromThePresentMotionWithoutABump) {

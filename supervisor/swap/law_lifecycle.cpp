@@ -304,9 +304,11 @@ Json LawLifecycle::score_of(std::uint32_t law_id) const {
   Json score = {{"verdict", life->swap.verdict()}};
   if (control.empty()) return score;
   for (const char* key : {"clamped", "missed_ticks"}) score[key] = control["after"][key];
-  for (const Json& joint : control["joints"])
-    if (joint["after"].is_object())
-      score["rms_error_rad"][joint["joint"].get<std::string>()] = joint["after"]["rms_error_rad"];
+  for (const Json& joint : control["joints"]) {
+    const std::string name = joint["joint"];
+    if (joint["after"].is_object()) score["rms_error_rad"][name] = joint["after"]["rms_error_rad"];
+    if (!joint["late_rms_error_rad"].is_null()) score["late_rms_error_rad"][name] = joint["late_rms_error_rad"];
+  }
   return score;
 }
 

@@ -120,6 +120,7 @@ TEST_F(LawLifecycleTest, ComparesOldLawAndNewPerJoint) {
   EXPECT_DOUBLE_EQ(joint["before"]["rms_error_rad"].get<double>(), 0.2);
   EXPECT_NEAR(joint["after"]["rms_error_rad"].get<double>(), std::sqrt((20 * 0.01 + 11 * 1e-4) / 31), 1e-5);
   EXPECT_DOUBLE_EQ(joint["late_rms_error_rad"].get<double>(), 0.01) << "of the last third, without the pull-in";
+  EXPECT_DOUBLE_EQ(lifecycle_->score_of(2)["late_rms_error_rad"]["elbow"].get<double>(), 0.01);
   EXPECT_TRUE(joint["predicted_rms_error_rad"].is_null()) << "it had no trial";
   EXPECT_EQ(summary_of(kept_[102])["rms_error_rad"]["elbow"], (Json{0.2, joint["after"]["rms_error_rad"]}));
 }
