@@ -34,7 +34,7 @@ class EventLog {
  public:
   static constexpr std::size_t kDepth = 4096;
 
-  // The "next" of a stop or a rollback that a joint's motion caused says so when ticks came late before it.
+  // The "next" of a stop or a rollback that a joint's motion caused names the computer, too, when it stood still before.
   void add(Json event);
   // An event of the supervisor itself, about a swap; also in the log file.
   void note(std::uint64_t request_id, const char* kind, const std::string& text);
@@ -52,7 +52,7 @@ class EventLog {
   std::uint64_t last_ = 0;
   Json last_stop_ = nullptr;
   std::uint64_t lost_in_ring_ = 0;
-  std::int64_t last_late_ns_ = std::numeric_limits<std::int64_t>::min() / 2;  // the newest late tick that is known
+  std::int64_t last_stall_ns_ = std::numeric_limits<std::int64_t>::min() / 2;  // the newest that is known
 };
 
 // Passes every event of the other kinds. Of a frequent kind it passes the first event of each second, and then one
