@@ -34,7 +34,7 @@ class EventLog {
  public:
   static constexpr std::size_t kDepth = 4096;
 
-  // The "next" of a stop or a rollback that a joint's motion caused names the computer, too, when it stood still before.
+  // Where a joint's motion caused a stop or a rollback, its "next" names the computer, too, if that stood still before.
   void add(Json event);
   // An event of the supervisor itself, about a swap; also in the log file.
   void note(std::uint64_t request_id, const char* kind, const std::string& text);
