@@ -79,7 +79,7 @@ void put_facts(std::string_view text, const wire::RobotInfo& info, Json& out) {
 
 // While the computer stands still a robot moves otherwise than its law wants. Then less gain does not help.
 constexpr std::int64_t kStallBeforeNs = 2'000'000'000;
-constexpr std::int64_t kStallTicks = 5;  // skipped in a row: fewer are common on a busy computer, and do no harm
+constexpr std::int64_t kStallTicks = 5;  // skipped in a row: fewer come within any 2 s of a busy computer
 constexpr std::string_view kStallBefore =
     "; within the 2 s before, the computer stood still for several ticks: if that was the cause, lithe doctor";
 

@@ -43,7 +43,7 @@ REST_S = 0.3  # a probe has ended when the joints have rested so long
 # of the tick rate leaves room for one tick of delay, and what was measured of a slow bus or drive counts in full.
 MOST_BANDWIDTH_RAD_S = 60.0
 LAG_RAD = 0.2  # of phase, that the whole way from a torque commanded to one measured may cost at the bandwidth
-SLOW_COMPUTER_S = 600.0  # for one answer: on an emulated board a swap takes minutes
+SLOW_COMPUTER_S = 600.0  # for one answer: on an emulated board a swap had none within 60 s
 DAMPING = 1.8  # twice the damping ratio
 
 
