@@ -106,7 +106,7 @@ TEST_F(ServiceTest, ContractSaysWhatIsWrongWithParamsAndStep) {
   const std::string no_step =
       "#include <lithe/law.hpp>\nstruct L { struct Params {}; struct State {}; };\nLITHE_LAW(L, \"l\");\n";
   EXPECT_EQ(first(compile(service_, no_state)).find("a law needs both nested structs"), 0u);
-  EXPECT_EQ(first(compile(service_, no_step)).find("a law needs exactly one step"), 0u);
+  EXPECT_EQ(first(compile(service_, no_step)).find("a law has exactly one step()"), 0u);
 }
 
 // One user's checkouts share a cache.

@@ -148,9 +148,8 @@ class Robot:
 
         t_ns (n,) in CLOCK_MONOTONIC ns, strictly ascending; position_rad (n, joints), or (n,) for one joint;
         velocity_rad_s likewise, None = the Spine chooses. streaming: more plans will follow, so the last waypoint is
-        passed without a stop: then let each plan begin with two points in the past, for ahead of its first point the
-        setpoint has not the acceleration of the curve. Arrays of wrong shapes raise BadPlan. When the Spine refuses a
-        plan (a limit, a time long past), it sends an event `plan_refused` and continues the plan before.
+        passed without a stop. Arrays of wrong shapes raise BadPlan. When the Spine refuses a plan (a limit, a time long
+        past), it sends an event `plan_refused` and continues the plan before.
         """
         position = np.asarray(position_rad, dtype=np.float64)
         velocity = None if velocity_rad_s is None else np.asarray(velocity_rad_s, dtype=np.float64)

@@ -31,7 +31,7 @@ with lithe.connect() as robot:
     robot.telemetry.drain()
     start_ns = time.monotonic_ns()
     while (now_ns := time.monotonic_ns()) < start_ns + 4_000_000_000:
-        times_ns = now_ns + PERIOD_NS * np.arange(-1, 13)  # two in the past: acceleration is the curve's at once
+        times_ns = now_ns + PERIOD_NS * np.arange(1, 13)
         robot.publish(times_ns, [reference_rad((t_ns - start_ns) * 1e-9) for t_ns in times_ns])
         time.sleep(PERIOD_NS * 1e-9)
 

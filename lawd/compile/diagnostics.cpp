@@ -34,7 +34,7 @@ int line_about(const std::string& message, const std::vector<std::string_view>& 
       {"of Params", "struct Params"},
       {"Param is", "struct Params"},
       {"of Probes", "struct Probes"},
-      {"exactly one step", " step("},
+      {"exactly one step()", " step("},
   }};
   for (const auto& [part, where] : kAbout) {
     if (message.find(part) == std::string::npos) continue;

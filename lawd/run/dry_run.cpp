@@ -99,23 +99,43 @@ void listen_for_death(int fd, const LitheLaw& law) {
   for (const int signal : {SIGXCPU, SIGPROF, SIGSEGV, SIGBUS, SIGFPE, SIGILL}) sigaction(signal, &action, nullptr);
 }
 
-// Repeats the steps up to a bad one, and in that one lets the processor stop at the first invalid operation (a division
-// by zero, 0/0, the root of a negative number). Not every processor can; then nothing is told.
-void tell_place(const LitheLaw& law, std::uint32_t joints, std::uint64_t bad_step, law::Resident& resident) {
+// Repeats the steps up to a bad one, before which `prepare` is called with its input. False: its output is not finite.
+template <typename Prepare>
+bool repeat(const LitheLaw& law, std::uint32_t joints, std::uint64_t bad_step, law::Resident& resident,
+            const Prepare& prepare) {
   law::reset_resident(resident, law);
   Tick tick;
   Effort effort;
   std::array<double, kMaxProbes> probes{};
   for (std::uint64_t k = 0; k <= bad_step; ++k) {
     law::dry_input(tick, k, joints);
-    if (k == bad_step) {
-      feclearexcept(FE_ALL_EXCEPT);
-      feenableexcept(FE_INVALID | FE_DIVBYZERO);
-    }
+    if (k == bad_step) prepare(tick);
     resident.step(tick, effort, probes);
   }
+  std::array<char, 64> bad{};
+  return law::outputs_are_finite(effort, probes, law, joints, bad.data(), bad.size());
+}
+
+// Whether that step is fine with every sensor valid.
+bool is_of_sensors(const LitheLaw& law, std::uint32_t joints, std::uint64_t bad_step, law::Resident& resident) {
+  return repeat(law, joints, bad_step, resident, [](Tick& tick) {
+    for (double& value : tick.sensor) value = std::isnan(value) ? 0.0 : value;
+  });
+}
+
+// In the bad step the processor stops at the first invalid operation (a division by zero, 0/0, the root of a negative
+// number). Not every processor can; then nothing is told.
+void tell_place(const LitheLaw& law, std::uint32_t joints, std::uint64_t bad_step, law::Resident& resident) {
+  repeat(law, joints, bad_step, resident, [](Tick&) {
+    feclearexcept(FE_ALL_EXCEPT);
+    feenableexcept(FE_INVALID | FE_DIVBYZERO);
+  });
   fedisableexcept(FE_ALL_EXCEPT);
 }
+
+constexpr const char* kSensors = ", in which no sensor is valid (NaN): use t.sensor[i] only if std::isfinite(t.sensor[i])";
+constexpr const char* kNotFinite =
+    ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, or a gain that diverges";
 
 // A law does the same work in every repetition; a disturbance of the machine is different each time. So only a step
 // that is slow every time counts.
@@ -127,16 +147,8 @@ int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t s
     std::array<char, 64> bad{};
     const std::uint64_t done = dry_steps(law, joints, steps, *resident, quickest_ns, bad);
     if (done < steps) {
-      Tick seen;
-      law::dry_input(seen, done, joints);
-      const bool no_sensor = std::ranges::any_of(seen.sensor, [](double value) { return std::isnan(value); });
-      tell(fd, {{"refused",
-                 std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
-                     ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, a sensor "
-                     "that is not valid (NaN), or a gain that diverges" +
-                     (no_sensor
-                          ? "; in this step sensors were not valid: use t.sensor[i] only if std::isfinite(t.sensor[i])"
-                          : "")}});
+      tell(fd, {{"refused", std::string(bad.data()) + " is not finite in dry step " + std::to_string(done) +
+                                (is_of_sensors(law, joints, done, *resident) ? kSensors : kNotFinite)}});
       tell_place(law, joints, done, *resident);
       return 1;
     }

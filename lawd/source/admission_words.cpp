@@ -40,17 +40,17 @@ struct Group {
   std::string_view why, names;
 };
 constexpr std::string_view kNoHeap =
-    "a law allocates nothing: use a std::array of fixed size, in State if it must outlive the step";
+    "a law allocates nothing: use a std::array of fixed size (no #include needed), in State if it must outlive the step";
 constexpr std::string_view kNoPrint =
-    "a law prints nothing: leave it out, or put the number into a probe, which is in telemetry: struct Probes { double "
-    "x = 0; }; in the law, step() with a fifth argument Probes& probes, probes.x = ...;";
+    "a law prints nothing: leave it out, or show a number in telemetry by a probe: struct Probes { double x = 0; }; "
+    "beside Params, a fifth argument Probes& probes of step(), and in it probes.x = ...;";
 constexpr std::string_view kNoThread = "a law has one thread and never waits: what takes long belongs in the Brain";
 constexpr std::string_view kNoClock = "a law never waits and reads no clock: time is in t.t_s and t.dt_s";
 constexpr std::string_view kNoFile =
     "a law opens no file and no socket: what it needs belongs in Params or comes through the setpoint";
 constexpr std::string_view kNoChance =
-    "the same input must give the same output: keep a generator's state in State and compute it yourself: "
-    "std::uint32_t seed = 1; in State, s.seed = s.seed * 1664525u + 1013904223u; s.seed / 4294967296.0 is from 0 to 1";
+    "the same input must give the same output: leave it out, or keep a generator's state in State (std::uint32_t seed = "
+    "1;) and compute it in step(): s.seed = s.seed * 1664525u + 1013904223u; then s.seed / 4294967296.0 is from 0 to 1";
 constexpr std::string_view kNoEnd = "a law may not end, copy or signal its process: to stop, return zero torque";
 constexpr std::string_view kNoThrow = "a law has no exceptions: test the value, set a safe torque and return";
 constexpr std::string_view kNoCast = "a law works on numbers and never on raw memory: keep the type, or copy the value";
@@ -124,7 +124,7 @@ constexpr std::string_view kGnuAttributes = " always_inline noinline flatten hot
 constexpr std::array kAdvice = std::to_array<Word>({
     {"operator new", kNoHeap},
     {"operator delete", kNoHeap},
-    {"std::__throw", "it throws, and a law has no exceptions: check the index or the length yourself and use []"},
+    {"std::__throw", "it throws, as .at() does, and a law has no exceptions: use [], with an index below t.joints or the length"},
     {"std::terminate", kNoThrow},
     {"__cxa_guard", "a static variable inside a function: move it to State"},
     {"__cxa_atexit", "an object with a destructor at namespace scope: keep plain values in State"},

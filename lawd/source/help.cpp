@@ -95,17 +95,19 @@ struct Advice {
   std::string_view part, also, says;
 };
 constexpr std::string_view kPerJoint =
-    "it has one number per joint: compute with one joint at a time, [j] in for (std::uint32_t j = 0; j < t.joints; "
+    "an array has one number per joint: compute with one joint at a time, [j] in for (std::uint32_t j = 0; j < t.joints; "
     "++j)";
+constexpr std::string_view kTuned =
+    "Params are tuned from outside, and a law cannot change them: change a number in State instead (double kp = 4;)";
 constexpr auto kAdvice = std::to_array<Advice>({
     {"no match for 'operator=' (operand types are 'const lithe::Param'", "",
-     "Params are tuned from outside: what a law changes itself belongs in State"},
+     kTuned},
     {"no match for 'operator", "JointArray", kPerJoint},
     {"no match for 'operator", "std::array<double", kPerJoint},
     {"cannot convert", "JointArray", kPerJoint},
     {"read-only", "lithe::Tick::", "t is the input, and a law cannot change it: its output is u.torque_nm[j]"},
-    {"read-only", "Params::", "Params are tuned from outside: what a law changes itself belongs in State"},
-    {"const lithe::Param' as 'this'", "", "Params are tuned from outside: what a law changes itself belongs in State"},
+    {"read-only", "Params::", kTuned},
+    {"const lithe::Param' as 'this'", "", kTuned},
     {"in read-only object", "", "step() gets t and p to read: what a law changes belongs in State, its output in u"},
     {"in static member function", "", "step() is static: what it remembers is in State, what is tuned in Params"},
     {"invalid use of member", "static", "step() is static: what it remembers is in State, what is tuned in Params"},

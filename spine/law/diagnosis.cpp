@@ -110,16 +110,16 @@ double swing_rad_s(const JointSums& sums, const JointSeen& seen) {
   return error > 0 ? std::sqrt(covariance(sums, kVelocity, kVelocity) / error) : 0;
 }
 
-// "lower the stiffness to about 50 and the damping to about 0.25 first". Of two gains that push alike at that frequency
+// "lower the stiffness to about 50 and the damping to about 0.25". Of two gains that push alike at that frequency
 // both are lowered; half of the damping belongs to a quarter of the stiffness, unless the damping pushes more.
 std::array<char, 96> lower(double stiffness, double damping, double w_rad_s) {
   std::array<char, 96> text{};
   const bool damps_more = damping * w_rad_s > stiffness;
   if (stiffness > 0 && damping > 0)
-    std::snprintf(text.data(), text.size(), "lower the stiffness to about %.3g and the damping to about %.3g first",
+    std::snprintf(text.data(), text.size(), "lower the stiffness to about %.3g and the damping to about %.3g",
                   kQuarter * stiffness, (damps_more ? kQuarter : 2 * kQuarter) * damping);
   else
-    std::snprintf(text.data(), text.size(), "lower the %s to about %.3g first", stiffness > 0 ? "stiffness" : "damping",
+    std::snprintf(text.data(), text.size(), "lower the %s to about %.3g", stiffness > 0 ? "stiffness" : "damping",
                   kQuarter * std::max(stiffness, damping));
   return text;
 }
@@ -138,8 +138,8 @@ Diagnosis from_gains(const Gains& gains, const JointSums& sums, const JointSeen&
   if (of_velocity && damping < 0) {
     return told(Kind::wrong_damping_sign,
                 "joint %s: its torque grows with its velocity (measured: %+.3g N m per rad/s), which feeds the motion: "
-                "change the sign of the damping, to - gain * velocity",
-                seen.joint, -damping);
+                "subtract gain * velocity instead, and begin with a quarter of the gain (%.2g)",
+                seen.joint, -damping, -kQuarter * damping);
   }
   if (of_position && gains.slope[kSetpoint] != 0 && is_degrees(gains.slope[kSetpoint] / stiffness)) {
     return told(Kind::degrees,
@@ -159,9 +159,9 @@ Diagnosis from_gains(const Gains& gains, const JointSums& sums, const JointSeen&
   if (seen.swing_hz > 0 && (of_position || of_velocity)) {
     if (of_position && 0.5 * damping * w_rad_s / stiffness < kLittleDamping) {
       return told(Kind::no_damping,
-                  "joint %s: measured stiffness %.3g N m/rad, damping %.2g N m s/rad: too little damping for its swing "
-                  "of %.1f Hz: add - gain * velocity, with a gain of about %.2g",
-                  seen.joint, stiffness, damping, seen.swing_hz, stiffness / w_rad_s);
+                  "joint %s: measured stiffness %.3g N m/rad, damping %.2f N m s/rad: too little damping for its swing "
+                  "of %.1f Hz: subtract gain * velocity, with a gain of about %.2g",
+                  seen.joint, stiffness, damping + 0.0, seen.swing_hz, stiffness / w_rad_s);
     }
     return told(Kind::gain_too_high,
                 "joint %s: measured stiffness %.3g N m/rad, damping %.2g N m s/rad, and it swings at %.1f Hz: %s",
@@ -233,9 +233,9 @@ Diagnosis diagnose(const JointSums& sums, const JointSeen& seen) {
   const double limited = static_cast<double>(sums.at_limit) / sums.ticks;
   if (!gains && limited > kAtLimit && sums.at_limit_unwinding > kAgainst * sums.at_limit) {
     return told(Kind::wind_up,
-                "joint %s: in %.0f %% of ticks it wanted all of its torque, in %.0f %% of these with the error on the "
-                "other side already: an integral that winds up; bound it, and stop it at the torque limit: begin with "
-                "a tenth of its gain, and at most %.3g N m of it",
+                "joint %s: in %.0f %% of ticks the law asked for all of its torque, in %.0f %% of these although the "
+                "error had changed its sign: an integral that winds up; begin with a tenth of its gain, and let it "
+                "give at most %.3g N m",
                 seen.joint, 100 * limited, 100.0 * sums.at_limit_unwinding / sums.at_limit,
                 kQuarter * seen.torque_max_nm);
   }

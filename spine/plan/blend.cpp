@@ -18,10 +18,8 @@ double fastest_of_both(const Arc& arc, double arc_s, const Decay& decay, double 
 }  // namespace
 
 Arc Course::start() const LITHE_RT {
-  const double into_s = static_cast<double>(now_ns - knots.t_ns[0]) * 1e-9;
-  if (into_s < 0) return {knots.rad[0][j] + into_s * knots.rad_s[0][j], knots.rad_s[0][j], 0, 0};
   const std::size_t knot = knots.segment_at(now_ns);
-  const Arc arc = knots.arc(knot, j);
+  const Arc arc = now_ns < knots.t_ns[0] ? knots.lead[j] : knots.arc(knot, j);
   const double u = static_cast<double>(now_ns - knots.t_ns[knot]) * 1e-9;
   return {arc.position(u), arc.velocity(u), arc.c2 + 3 * u * arc.c3, arc.c3};
 }
@@ -31,7 +29,7 @@ double Course::fastest_under(const Decay& decay) const LITHE_RT {
   const auto since_now = [&](std::int64_t t_ns) LITHE_RT { return static_cast<double>(t_ns - now_ns) * 1e-9; };
   double fastest = 0;
   double from_s = std::min(end_s, std::max(0.0, since_now(knots.t_ns[0])));
-  fastest = std::max(fastest, fastest_of_both({0, knots.rad_s[0][j], 0, 0}, 0, decay, 0, from_s));
+  fastest = std::max(fastest, fastest_of_both(knots.lead[j], since_now(knots.t_ns[0]), decay, 0, from_s));
   for (std::size_t knot = knots.segment_at(now_ns); knot + 1 < knots.count && from_s < end_s; ++knot) {
     const double to_s = std::min(end_s, since_now(knots.t_ns[knot + 1]));
     const double both = fastest_of_both(knots.arc(knot, j), since_now(knots.t_ns[knot]), decay, from_s, to_s);

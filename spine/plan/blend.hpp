@@ -29,8 +29,8 @@ struct Decay {
   double acceleration(double s) const LITHE_RT { return s > 0 ? per_s * per_s * (2 * a + 6 * s * b) : 0.0; }
 };
 
-// The curve joint j follows from `now_ns` on, without any blend: before a first knot that is near, its own velocity
-// backwards; then the arcs; behind the last knot a slowing down by `slowing_rad_s2`, and rest.
+// The curve joint j follows from `now_ns` on, without any blend: before a first knot that is near, its lead; then
+// the arcs; behind the last knot a slowing down by `slowing_rad_s2`, and rest.
 struct Course {
   const Knots& knots;
   std::int64_t now_ns;

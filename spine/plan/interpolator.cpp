@@ -47,7 +47,8 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
     leads = false;
     lay_knots(plan, now_ns, nullptr);
   }
-  const Knots& next = knots_[1 - used_];
+  Knots& next = knots_[1 - used_];
+  next.choose_leads(now_ns, limits_.joints, from.velocity_rad_s, most_rad_s);
   JointArray bound_rad_s{};
   next.bound_speed(now_ns, limits_.joints, bound_rad_s);
   for (std::size_t j = 0; j < limits_.joints; ++j)
@@ -173,11 +174,11 @@ void Interpolator::keep_inside(Setpoint& out) const LITHE_RT {
   }
 }
 
-// Before a first waypoint that is near: its own velocity, backwards. The blend does the rest.
+// Before a first waypoint that is near. The blend does the rest.
 void Interpolator::lead_to_first() LITHE_RT {
   piece_.since_ns = knots().t_ns[0];
   for (std::size_t j = 0; j < limits_.joints; ++j) {
-    piece_.arc[j] = {knots().rad[0][j], knots().rad_s[0][j], 0, 0};
+    piece_.arc[j] = knots().lead[j];
     piece_.last_s[j] = 0;  // only negative times are asked for; marks the piece as no segment
   }
 }

@@ -57,6 +57,18 @@ double Knots::velocity_from_neighbours(std::size_t knot, std::size_t j, bool mon
   return at_end ? end_tangent(near_s, rise_near, far_s, rise_far) : inner_tangent(near_s, rise_near, far_s, rise_far);
 }
 
+void Knots::choose_leads(std::int64_t now_ns, std::size_t joints, const JointArray& now_rad_s,
+                         const JointArray& most_rad_s) LITHE_RT {
+  const double from_s = static_cast<double>(now_ns - t_ns[0]) * 1e-9;
+  if (from_s >= 0) return;
+  for (std::size_t j = 0; j < joints; ++j) {
+    const Arc steady{rad[0][j], rad_s[0][j], 0, 0};
+    lead[j] = count > 1 ? arc(0, j) : steady;
+    const auto gap_rad_s = [&](const Arc& a) LITHE_RT { return std::abs(now_rad_s[j] - a.velocity(from_s)); };
+    if (gap_rad_s(lead[j]) >= gap_rad_s(steady) || fastest_lead(from_s, j) > most_rad_s[j]) lead[j] = steady;
+  }
+}
+
 std::size_t Knots::segment_at(std::int64_t now_ns) const LITHE_RT {
   std::size_t knot = 0;
   while (knot + 2 < count && now_ns >= t_ns[knot + 1]) ++knot;
@@ -72,7 +84,9 @@ Arc Knots::arc(std::size_t knot, std::size_t j) const LITHE_RT {
 }
 
 void Knots::bound_speed(std::int64_t now_ns, std::size_t joints, JointArray& bound_rad_s) const LITHE_RT {
-  for (std::size_t j = 0; j < joints; ++j) bound_rad_s[j] = std::abs(rad_s[count - 1][j]);
+  const double lead_s = static_cast<double>(now_ns - t_ns[0]) * 1e-9;
+  for (std::size_t j = 0; j < joints; ++j)
+    bound_rad_s[j] = std::max(std::abs(rad_s[count - 1][j]), lead_s < 0 ? fastest_lead(lead_s, j) : 0.0);
   for (std::size_t knot = segment_at(now_ns); knot + 1 < count; ++knot) {
     for (std::size_t j = 0; j < joints; ++j) {
       // A parabola stays between its ends and the corner where its end tangents meet.

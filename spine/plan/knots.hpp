@@ -68,6 +68,7 @@ struct Knots {
   std::array<JointArray, kMost> rad{};
   std::array<JointArray, kMost> rad_s{};
   std::size_t count = 0;
+  std::array<Arc, kMaxJoints> lead{};  // before the first knot, over the time since it
 
   void add(std::int64_t at_ns, const JointArray& position_rad, const JointArray& velocity_rad_s) LITHE_RT;
   void add(const wire::Plan& plan, std::size_t joints) LITHE_RT;  // velocities may be NaN until choose_velocities()
@@ -76,6 +77,12 @@ struct Knots {
   // else from the neighbours, never above the limit. The knots before `first` are over and keep theirs.
   void choose_velocities(const Limits& limits, const std::array<bool, kMaxJoints>& monotone, bool streaming,
                          std::size_t first) LITHE_RT;
+
+  // The curve before a first knot that is near, from a motion at `now_rad_s`: the first arc, backwards, where that is
+  // nearer to it in velocity and not faster than `most_rad_s`, as of a stream whose plans begin ahead; else a constant
+  // velocity. (Positions are no measure: they differ while a blend lasts.)
+  void choose_leads(std::int64_t now_ns, std::size_t joints, const JointArray& now_rad_s,
+                    const JointArray& most_rad_s) LITHE_RT;
 
   // The segment that holds at `now_ns`: from this knot to the next. 0 before the first knot.
   std::size_t segment_at(std::int64_t now_ns) const LITHE_RT;
@@ -90,6 +97,11 @@ struct Knots {
 
   // The largest acceleration of joint j on the segments from knot `first` on. Exact.
   double hardest(std::size_t first, std::size_t j) const LITHE_RT;
+
+  // The highest speed of joint j from `from_s` (negative) to the first knot. Exact.
+  double fastest_lead(double from_s, std::size_t j) const LITHE_RT {
+    return peak(lead[j].velocity(from_s), lead[j].velocity(0.5 * from_s), lead[j].velocity(0));
+  }
 
   double gap_s(std::size_t knot) const LITHE_RT { return static_cast<double>(t_ns[knot + 1] - t_ns[knot]) * 1e-9; }
 

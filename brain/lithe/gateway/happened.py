@@ -56,8 +56,10 @@ def _runs(events: list[Json]) -> list[Json]:
     kept: list[Json] = []
     for each in events:
         if kept and each["kind"] in RUNS and kept[-1]["kind"] == each["kind"]:
+            count = kept[-1].get("count", 1) + each.get("count", 1)  # a summary has its own
             kept[-1] = kept[-1] | {
-                "count": kept[-1].get("count", 1) + each.get("count", 1),  # a summary has its own
+                "count": count,
+                "text": f"{count} in this run of events",
                 "until_tick": each.get("tick"),
                 "until_t_ns": each.get("t_ns"),
                 "until_cursor": each["cursor"],

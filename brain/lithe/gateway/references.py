@@ -22,8 +22,7 @@ from ..robot import Robot
 from .curves import Args, Curve, Vector, curve_of
 
 PERIOD_NS = 20_000_000  # between two points of a plan
-POINTS = 14
-BEHIND = 2  # of them in the past: ahead of its first point, and at it, a plan's acceleration is not the curve's
+POINTS = 12
 COAST_S = 0.5  # from the setpoint's speed to rest
 FAR_RAD = 0.1  # a setpoint that far from its joint is not where the joint is
 USUAL_RAMP_S = 1.0
@@ -300,9 +299,8 @@ class References:
             with self._lock:
                 self._now = None if self._now is now else self._now
             return 0
-        first = time.monotonic_ns() // PERIOD_NS + 1
-        times = [(first + i) * PERIOD_NS for i in range(-BEHIND, POINTS - BEHIND)]
-        times = [t_ns for t_ns in times if t_ns >= now.since_ns]  # before it, there was another reference
+        first = (time.monotonic_ns() // PERIOD_NS + 1) * PERIOD_NS
+        times = [first + i * PERIOD_NS for i in range(POINTS)]
         limits = self.limits()
         plan_id = self._robot.publish(times, np.clip(now.at(times), limits.least_rad, limits.most_rad))
         with self._lock:

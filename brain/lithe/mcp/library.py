@@ -23,19 +23,21 @@ SWAP = (
 )
 MOVE = (
     "`describe` has the joints and their limits. Move every joint within them: `set_reference` (kind multisine, with "
-    "centre_rad, amplitude_rad, frequency_hz, and client_stale_s 900, so that it goes on while you think). "
+    "centre_rad, amplitude_rad, four or more values of frequency_hz from 0.2 to 3, and client_stale_s 900, so that it "
+    "goes on while you think). "
 )
 PROMPTS = {  # its words, what `about` is, its text
     "identify_then_compensate": (
         "Measure the robot, find its parameters, write a law that compensates them.",
         "the goal, or what is known of the robot",
         "Read lithe://contract and lithe://rules. " + MOVE + "After 10 s fetch `history` (seconds 6, every 20, fields "
-        "tick, position_rad, velocity_rad_s, torque_nm). Where `describe` tells a chain, each joint moves the others: "
+        "release_ns, position_rad, velocity_rad_s, torque_nm). Where `describe` tells a chain, each joint moves the others: "
         "lithe://chain has the equations, fit all joints at once (C, mu and R of each link, friction), and let the law "
         "compute them at the setpoint; of a simulated robot its simulation.effective has C, mu and R. Else fit for "
         "each joint by least squares torque_nm = inertia * acceleration + viscous * velocity + coulomb * "
         "sign(velocity) + gravity * sin(position) + offset; the acceleration is the difference of two velocities by "
-        "their time. Where you cannot compute, take one term after "
+        "their release_ns. Do not trust a value that is negative, that changes much between two windows, or of a joint "
+        "that hardly moved. Where you cannot compute, take one term after "
         "another by its sign and size, and let `measure` judge it. Write a law that adds these torques, at the "
         "setpoint's acceleration and velocity and at the position, to a feedback of position and velocity. " + SWAP,
     ),

@@ -180,8 +180,8 @@ consteval bool check() {
     static_assert(alignof(typename L::State) <= 64, "LITHE: State asks for more than 64-byte alignment");
     static_assert(
         Steps<L> != StepsWithProbes<L>,
-        "LITHE: a law needs exactly one step, static and returning void: static void step(const lithe::Tick&, "
-        "const Params&, State&, lithe::Effort&), with a fifth argument Probes& when it has a struct Probes");
+        "LITHE: a law has exactly one step(), static, with these arguments in this order: static void step(const "
+        "lithe::Tick&, const Params&, State&, lithe::Effort&), and a fifth, Probes&, when it has a struct Probes");
     static_assert(Inits<L> || !HasInit<L>,
                   "LITHE: init must be static void init(const lithe::History&, const Params&, State&)");
     return check_struct<typename L::Params>() && check_struct<typename L::State>() && check_struct<Probes<L>>() &&
