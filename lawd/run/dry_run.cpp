@@ -133,7 +133,8 @@ void tell_place(const LitheLaw& law, std::uint32_t joints, std::uint64_t bad_ste
   fedisableexcept(FE_ALL_EXCEPT);
 }
 
-constexpr const char* kSensors = ", in which no sensor is valid (NaN): use t.sensor[i] only if std::isfinite(t.sensor[i])";
+constexpr const char* kSensors =
+    ", in which no sensor is valid (NaN): use t.sensor[i] only if std::isfinite(t.sensor[i])";
 constexpr const char* kNotFinite =
     ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, or a gain that diverges";
 

@@ -40,7 +40,8 @@ struct Group {
   std::string_view why, names;
 };
 constexpr std::string_view kNoHeap =
-    "a law allocates nothing: use a std::array of fixed size (no #include needed), in State if it must outlive the step";
+    "a law allocates nothing: use a std::array of fixed size (no #include needed), in State if it must outlive the "
+    "step";
 constexpr std::string_view kNoPrint =
     "a law prints nothing: leave it out, or show a number in telemetry by a probe: struct Probes { double x = 0; }; "
     "beside Params, a fifth argument Probes& probes of step(), and in it probes.x = ...;";
@@ -49,7 +50,8 @@ constexpr std::string_view kNoClock = "a law never waits and reads no clock: tim
 constexpr std::string_view kNoFile =
     "a law opens no file and no socket: what it needs belongs in Params or comes through the setpoint";
 constexpr std::string_view kNoChance =
-    "the same input must give the same output: leave it out, or keep a generator's state in State (std::uint32_t seed = "
+    "the same input must give the same output: leave it out, or keep a generator's state in State (std::uint32_t seed "
+    "= "
     "1;) and compute it in step(): s.seed = s.seed * 1664525u + 1013904223u; then s.seed / 4294967296.0 is from 0 to 1";
 constexpr std::string_view kNoEnd = "a law may not end, copy or signal its process: to stop, return zero torque";
 constexpr std::string_view kNoThrow = "a law has no exceptions: test the value, set a safe torque and return";
@@ -124,7 +126,8 @@ constexpr std::string_view kGnuAttributes = " always_inline noinline flatten hot
 constexpr std::array kAdvice = std::to_array<Word>({
     {"operator new", kNoHeap},
     {"operator delete", kNoHeap},
-    {"std::__throw", "it throws, as .at() does, and a law has no exceptions: use [], with an index below t.joints or the length"},
+    {"std::__throw",
+     "it throws, as .at() does, and a law has no exceptions: use [], with an index below t.joints or the length"},
     {"std::terminate", kNoThrow},
     {"__cxa_guard", "a static variable inside a function: move it to State"},
     {"__cxa_atexit", "an object with a destructor at namespace scope: keep plain values in State"},

@@ -29,6 +29,7 @@ constexpr double kLittleDamping = 0.05;           // damping ratio
 constexpr double kAtLimit = 0.1, kAgainst = 0.2;  // shares of ticks
 constexpr double kStalled = 0.005;                // of its setpoint's motion
 constexpr double kQuarter = 0.25;                 // of a gain that is too high: a margin of 4 where it just swung
+constexpr double kIntegralPerS = 4;               // of a stiffness: takes a steady load in about a second
 
 std::size_t place(std::size_t a, std::size_t b) {
   const std::size_t low = std::min(a, b), high = std::max(a, b);
@@ -245,8 +246,9 @@ Diagnosis diagnose(const JointSums& sums, const JointSeen& seen) {
     return told(
         Kind::steady_load,
         "joint %s: it stays %.3f rad %s its setpoint while it pushes with %.2g N m on average: a steady load, as "
-        "gravity is: add a term for it (laws/gravity_pd.cpp), or an integral",
-        seen.joint, std::abs(off_rad), off_rad > 0 ? "below" : "above", std::abs(pushed_nm));
+        "gravity is: add a term for it (laws/gravity_pd.cpp), or an integral with a gain of about %.2g N m/(rad s)",
+        seen.joint, std::abs(off_rad), off_rad > 0 ? "below" : "above", std::abs(pushed_nm),
+        kIntegralPerS * pushed_nm / off_rad);
   }
   return {};
 }

@@ -52,7 +52,7 @@ TEST(Diagnosis, EachCauseIsFoundFromWhatTheJointDid) {
   } cases[] = {
       {Cause::no_torque, "no torque at all", found(run([](const In&) { return 0; }, 0.1))},
       {Cause::wrong_sign, "measured: +3 N m per rad", found(run([](const In& in) { return -pd(in, 3, 0); }, 0, 600))},
-      {Cause::wrong_damping_sign, "measured: +0.2 N m per rad/s",
+      {Cause::wrong_damping_sign, "begin with a quarter of the gain (0.05)",
        found(run([](const In& in) { return pd(in, 3, 0) + 0.2 * in.velocity_rad_s; }, 0, 500))},
       {Cause::degrees, "172 and 3", found(run([](const In& in) {
          return 3 * (in.setpoint_rad - in.position_rad * 180 / std::numbers::pi) - 0.2 * in.velocity_rad_s;
@@ -61,15 +61,15 @@ TEST(Diagnosis, EachCauseIsFoundFromWhatTheJointDid) {
        found(run([](const In& in) { return pd(in, 3 * 180 / std::numbers::pi, 0.2); }))},
       {Cause::no_damping, "gain of about 0.04",
        found(run([](const In& in) { return 4 * (in.setpoint_rad - in.position_rad); }), 16)},
-      {Cause::gain_too_high, "lower the stiffness to about 10 and the damping to about 0.15 first",
+      {Cause::gain_too_high, "lower the stiffness to about 10 and the damping to about 0.15",
        found(run([](const In& in) { return pd(in, 40, 0.3); }), 8)},
-      {Cause::gain_too_high, "lower the stiffness to about 10 and the damping to about 0.075 first",
+      {Cause::gain_too_high, "lower the stiffness to about 10 and the damping to about 0.075",
        found(run([](const In& in) { return pd(in, 40, 0.3); }), 40)},
       {Cause::gain_too_high, "an error of 0.05 rad asks for all of its 2 N m: lower the stiffness to about 10",
        found(run([](const In& in) { return pd(in, 40, 0.3); }, 2.5))},
       {Cause::gain_too_high, "it swings at 50.0 Hz: lower the stiffness to about 0.125 and the damping to about 0.25",
        found(run([](const In& in) { return 0.5 * (in.setpoint_rad - in.position_rad) - in.velocity_rad_s; }), 50)},
-      {Cause::steady_load, "below its setpoint",
+      {Cause::steady_load, "or an integral with a gain of about 20 N m",
        found(run([](const In& in) { return pd(in, 5, 0.2); }, 0.5), 0, false)},
   };
   for (const auto& each : cases) {

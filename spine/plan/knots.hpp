@@ -81,8 +81,8 @@ struct Knots {
   // The curve before a first knot that is near, from a motion at `now_rad_s`: the first arc, backwards, where that is
   // nearer to it in velocity and not faster than `most_rad_s`, as of a stream whose plans begin ahead; else a constant
   // velocity. (Positions are no measure: they differ while a blend lasts.)
-  void choose_leads(std::int64_t now_ns, std::size_t joints, const JointArray& now_rad_s,
-                    const JointArray& most_rad_s) LITHE_RT;
+  void choose_leads(std::int64_t now_ns, std::size_t joints, const JointArray& now_rad_s, const JointArray& most_rad_s)
+      LITHE_RT;
 
   // The segment that holds at `now_ns`: from this knot to the next. 0 before the first knot.
   std::size_t segment_at(std::int64_t now_ns) const LITHE_RT;

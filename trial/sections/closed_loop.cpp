@@ -52,8 +52,8 @@ bool goes_on(TrialContext& context, const LoopStats& law, const LoopStats& alone
   if (law.fault != 0 && (alone.fault == 0 || law.fault_tick < alone.fault_tick)) {
     std::array<char, 64> otherwise{"nothing happened"};
     if (alone.fault != 0) std::snprintf(otherwise.data(), otherwise.size(), "it took %u ticks", alone.fault_tick);
-    return context.refuse(
-        "%s the guard had to stop it after %u ticks (%s); without a law %s", where, law.fault_tick, fault_words(context.setup.robot, law).data(), otherwise.data());
+    return context.refuse("%s the guard had to stop it after %u ticks (%s); without a law %s", where, law.fault_tick,
+                          fault_words(context.setup.robot, law).data(), otherwise.data());
   }
   if (law.tremor == 0 || (alone.tremor == law.tremor && alone.tremor_joint == law.tremor_joint)) return true;
   const robot::JointConfig& shaking = context.setup.robot.joints[law.tremor_joint];
@@ -94,10 +94,9 @@ bool judge(TrialContext& context) {
     const double anyway =
         alone.*bound.count / std::max({1.0, static_cast<double>(alone.ticks), static_cast<double>(law.ticks)});
     if (share <= bound.share + anyway) continue;
-    return context.refuse(
-        "with the simulated robot it %s in %.0f %% of %u ticks (at most %.0f %%), %s",
-        bound.what, 100 * share, law.ticks, 100 * (bound.share + anyway),
-        held_words(context.setup.robot, law, bound).data());
+    return context.refuse("with the simulated robot it %s in %.0f %% of %u ticks (at most %.0f %%), %s", bound.what,
+                          100 * share, law.ticks, 100 * (bound.share + anyway),
+                          held_words(context.setup.robot, law, bound).data());
   }
   return true;
 }

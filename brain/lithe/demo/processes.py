@@ -115,9 +115,10 @@ class Stage:
             raise LitheError(f"`lithe run` ended with code {self._run.returncode}:{self.tail()}")
 
     def tail(self) -> str:
-        """The end of the log, for an error message."""
-        lines = self.log_path.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-8:]
-        return "\n  ".join(["", *lines, f"next: all of it is in {self.log_path}"])
+        """The end of the log, for an error message: without what a robot says that is well, where there is more."""
+        lines = self.log_path.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        telling = [line for line in lines if " info " not in line] or lines
+        return "\n  ".join(["", *telling[-8:], f"next: all of it is in {self.log_path}"])
 
     def _wait_until_active(self) -> None:
         deadline = time.monotonic() + 60
