@@ -67,6 +67,7 @@ void Probation::end_params() LITHE_RT {
 void Probation::compare_from_here() LITHE_RT {
   long_steps_ = 0;
   error_before_rad_ = most_error_rad_;
+  compares_again_ = last_ns_ < catching_up_ns_;
   clamped_before_ = clamped_share_;
   tremor_.start();
 }
@@ -127,7 +128,9 @@ void Probation::remember(const Observed& tick) LITHE_RT {
     const double clamped = tick.clamped[j] != 0 ? 1.0 : 0.0;
     clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
     tremor_.see(tick.in, j, tick.torque_nm[j]);
+    if (counts && compares_again_) error_before_rad_[j] = std::max(error_before_rad_[j], most_error_rad_[j]);
   }
+  compares_again_ = compares_again_ && !counts;
   const bool too_long = terms_.budget_ns > 0 && tick.law_ns > terms_.budget_ns;
   long_steps_ = too_long ? long_steps_ + 1 : 0;
 }

@@ -25,7 +25,8 @@ namespace lithe::step {
 //   budget      the step took longer than allowed kMostLong times in a row; a single time may be the machine's fault
 // Only ticks in which the robot moves, or should move, count for the duration. A robot at rest proves nothing.
 // When the machine stopped the tick for kPauseS (at least 3.5 periods), the setpoint went on without the law: for
-// kCatchUpS no tracking error is judged or remembered, and no tick counts. The guard's limits hold all the time.
+// kCatchUpS no tracking error is judged or remembered, and no tick counts. The guard's limits hold all the time. A law
+// committed meanwhile is compared with the error at the end of that time, where it is larger.
 // A law and its parameters can be on probation at the same time; then the newer parameters are reverted first.
 // Parameters of an unconfirmed law get no probation of their own: they are judged with the law.
 // Contract: RT · owned by the tick thread · bounded work per joint
@@ -118,6 +119,7 @@ class Probation {
   std::int64_t pause_ns_ = 0;        // between two ticks
   std::int64_t last_ns_ = 0;         // of the tick before
   std::int64_t catching_up_ns_ = 0;  // until then
+  bool compares_again_ = false;      // at the end of it
   JointArray clamped_share_{};       // of recent ticks in which the guard clamped the joint
   law::Tremor tremor_;
 

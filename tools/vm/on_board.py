@@ -350,7 +350,8 @@ def contained() -> dict[str, Any]:
             over.set()
             mover.join()
         after = link.status()
-    return {"laws": ends, "same_spine": after["spine_pid"] == status["spine_pid"], "mode": after["mode"]}
+    same = after["spine_pid"] == status["spine_pid"]
+    return {"laws": ends, "same_spine": same, "mode": after["mode"], "lost": after["lost"]}
 
 
 def stop() -> dict[str, Any]:

@@ -202,6 +202,26 @@ TEST_F(LawsTest, APauseOfTheMachineIsNotBlamedOnTheLaw) {
   EXPECT_TRUE(events(EventKind::law_rolled_back).empty());
 }
 
+// As after `arm`: the joint is far from a setpoint that went on without it. The law before did no better.
+TEST_F(LawsTest, ALawCommittedInThatTimeIsNotBlamedForTheErrorThatItFound) {
+  arm_with(kLazy);
+  ticks(1500);
+  terms_.probation_ticks = 1000;
+  terms_.probation_error_ratio = 3;
+  publish(0.4, 200);
+  tick(true, 20);
+  stage(kLazy);
+  tick();
+  ASSERT_EQ(slot_.active()->law_id, 2u);
+  ticks(1000);
+  EXPECT_GT(std::abs(record_.setpoint_position_rad[0] - record_.position_rad[0]), 0.3);
+  EXPECT_EQ(slot_.active()->law_id, 2u);
+  stage(kPush);
+  for (int i = 0; i < 2000 && slot_.active()->law_id != 3; ++i) tick();
+  for (int i = 0; i < 5000 && slot_.active()->law_id == 3; ++i) tick();
+  EXPECT_EQ(slot_.active()->law_id, 2u) << "one that makes it three times larger is";
+}
+
 TEST_F(LawsTest, ABadLawIsFoundAfterAPause) {
   arm_with(kPd);
   publish(0.4);

@@ -50,7 +50,7 @@ ROUNDS = [
     Met([fenced(law("u.torque_nm[j] = -2.0 * e - 0.05 * de;", "wrong_sign"))], "trial_failed", "trial",
         ("change the sign",)),
     Met([fenced(law("u.torque_nm[j] = 57.3 * (6.0 * e) + 0.15 * de;", "degrees"))], "trial_failed", "trial",
-        ("swings to and fro", "lower the stiffness")),
+        ("swings to and fro", "subtract gain * velocity")),
     Met([fenced(law("while (e < 10.0) { u.torque_nm[j] = e; }", "endless"))], "dry_run_failed", "dry_run",
         ("agent_007.cpp:11", "a loop without an end")),
     Met([fenced(LATE)], "trial_failed", "trial", ("replay: torque_nm[0] is not finite", "look for a division by zero")),
