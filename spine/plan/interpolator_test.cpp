@@ -67,7 +67,8 @@ TEST(Interpolator, AGoToIsOneSmoothMoveThatArrivesOnTime) {
 }
 
 // A sine of 0.5 Hz and 0.6 rad as a Brain streams it: every 20 ms a plan with points 20 ms apart, the first `behind` of
-// them in the past; negative: so many later than the next. Returns how far the acceleration is from the sine's, at worst, once it follows [rad/s^2].
+// them in the past; negative: so many later than the next. Returns how far the acceleration is from the sine's, at
+// worst, once it follows [rad/s^2].
 double worst_acceleration_of_a_stream(int behind) {
   const double rad_s = std::numbers::pi, rad = 0.6;
   Bench bench;

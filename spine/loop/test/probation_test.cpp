@@ -40,8 +40,7 @@ TEST_F(LawsTest, ALawThatLosesTrackOnProbationIsReplacedWithinTwoTicks) {
     const double error_rad = std::abs(record_.setpoint_position_rad[0] - record_.position_rad[0]);
     if (i > 2000) largest_rad = std::max(largest_rad, error_rad);
   }
-  terms_.probation_ticks = 1000;
-  terms_.probation_error_ratio = 3;
+  terms_.probation_ticks = 1000, terms_.probation_error_ratio = 3;
   stage(kPush);
   tick();
   ASSERT_EQ(slot_.active()->law_id, 2u);
@@ -188,8 +187,7 @@ TEST_F(LawsTest, ALawThatGivesNoNumberIsReplacedAndTheJointNamed) {
 // its.
 TEST_F(LawsTest, APauseOfTheMachineIsNotBlamedOnTheLaw) {
   arm_with(kPd);
-  terms_.probation_ticks = 1000;
-  terms_.probation_error_ratio = 3;
+  terms_.probation_ticks = 1000, terms_.probation_error_ratio = 3;
   stage(kPd);
   publish(2.0, 500);
   ticks(100);
@@ -206,8 +204,7 @@ TEST_F(LawsTest, APauseOfTheMachineIsNotBlamedOnTheLaw) {
 TEST_F(LawsTest, ALawCommittedInThatTimeIsNotBlamedForTheErrorThatItFound) {
   arm_with(kLazy);
   ticks(1500);
-  terms_.probation_ticks = 1000;
-  terms_.probation_error_ratio = 3;
+  terms_.probation_ticks = 1000, terms_.probation_error_ratio = 3;
   publish(0.4, 200);
   tick(true, 20);
   stage(kLazy);
@@ -226,8 +223,7 @@ TEST_F(LawsTest, ABadLawIsFoundAfterAPause) {
   arm_with(kPd);
   publish(0.4);
   ticks(1500);
-  terms_.probation_ticks = 1000;
-  terms_.probation_error_ratio = 3;
+  terms_.probation_ticks = 1000, terms_.probation_error_ratio = 3;
   stage(kPush);
   tick();
   ASSERT_EQ(slot_.active()->law_id, 2u);
@@ -241,8 +237,7 @@ TEST_F(LawsTest, ABadLawIsFoundAfterAPause) {
 TEST_F(LawsTest, AGoodLawIsConfirmedOnceTheRobotHasMovedForLongEnough) {
   arm_with(kPd);
   ticks(300);
-  terms_.probation_ticks = 50;
-  terms_.probation_error_ratio = 3;
+  terms_.probation_ticks = 50, terms_.probation_error_ratio = 3;
   stage(kPd);
   ticks(200);
   EXPECT_TRUE(events(EventKind::law_confirmed).empty());
@@ -258,8 +253,7 @@ TEST_F(LawsTest, AGoodLawIsConfirmedOnceTheRobotHasMovedForLongEnough) {
 TEST_F(LawsTest, ALawThatIsStillUnprovenIsRolledBackByWhatItDoesInMotion) {
   arm_with(kPd);
   ticks(300);
-  terms_.probation_ticks = 400;
-  terms_.probation_error_ratio = 3;
+  terms_.probation_ticks = 400, terms_.probation_error_ratio = 3;
   stage(kLazy);
   ticks(500);
   EXPECT_EQ(slot_.active()->law_id, 2u);
