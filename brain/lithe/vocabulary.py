@@ -156,8 +156,8 @@ VERBS = (
     Verb("law_list", "The laws in the Spine, which one runs, and how each did: verdict, rms error by joint."),
     Verb(
         "law_check",
-        "Compiles a law and runs it on harmless inputs. Nothing reaches the robot. `swap` with `promote: false` tries the "
-        "law in simulation as well, and leaves the running law.",
+        "Compiles a law and runs it on harmless inputs. Nothing reaches the robot. `swap` with `promote: false` tries "
+        "the law in simulation as well, and leaves the running law.",
         args=_LAW,
         required=("source",),
     ),

@@ -35,9 +35,9 @@ Text around a law is taken off before it is compiled: the answer lists what, in 
 number. What a trial says about the control of a joint (sign, damping, degrees, a steady load ...) is computed from the
 run, never from the text. When the numbers do not show the cause, it says only what was seen.
 
-Six readers (language models) saw nothing but such a law and its message, and corrected 56 of the 58 that need a change
-at their first try (2026-11-27). They missed a damping that was of the wrong sign and also too high, and gave an integral
-against gravity too little gain for the second that a trial lasts. Both messages have a number or a sign more now, and
+Six readers (language models) saw nothing but such a law and its message, and corrected 56 of the 58 that need a
+change at their first try (2026-11-27). They missed a damping that was of the wrong sign and also too high, and gave an
+integral against gravity too little gain for the second that a trial lasts. Both messages have a number more now, and
 what the readers had to read twice was written anew; those texts no reader has tried yet.
 
 | mistake | found by | message | instead |
