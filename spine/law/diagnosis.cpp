@@ -139,7 +139,7 @@ Diagnosis from_gains(const Gains& gains, const JointSums& sums, const JointSeen&
   if (of_velocity && damping < 0) {
     return told(Kind::wrong_damping_sign,
                 "joint %s: its torque grows with its velocity (measured: %+.3g N m per rad/s), which feeds the motion: "
-                "subtract gain * velocity instead, and begin with a quarter of the gain (%.2g)",
+                "subtract gain * velocity instead, and begin with a gain of %.2g",
                 seen.joint, -damping, -kQuarter * damping);
   }
   if (of_position && gains.slope[kSetpoint] != 0 && is_degrees(gains.slope[kSetpoint] / stiffness)) {
@@ -162,7 +162,7 @@ Diagnosis from_gains(const Gains& gains, const JointSums& sums, const JointSeen&
       return told(Kind::no_damping,
                   "joint %s: measured stiffness %.3g N m/rad, damping %.2f N m s/rad: too little damping for its swing "
                   "of %.1f Hz: subtract gain * velocity, with a gain of about %.2g",
-                  seen.joint, stiffness, damping + 0.0, seen.swing_hz, stiffness / w_rad_s);
+                  seen.joint, stiffness, std::max(damping, 0.0), seen.swing_hz, stiffness / w_rad_s);
     }
     return told(Kind::gain_too_high,
                 "joint %s: measured stiffness %.3g N m/rad, damping %.2g N m s/rad, and it swings at %.1f Hz: %s",
@@ -235,8 +235,8 @@ Diagnosis diagnose(const JointSums& sums, const JointSeen& seen) {
   if (!gains && limited > kAtLimit && sums.at_limit_unwinding > kAgainst * sums.at_limit) {
     return told(Kind::wind_up,
                 "joint %s: in %.0f %% of ticks the law asked for all of its torque, in %.0f %% of these although the "
-                "error had changed its sign: an integral that winds up; begin with a tenth of its gain, and let it "
-                "give at most %.3g N m",
+                "error had changed its sign: an integral that winds up; begin with a tenth of its gain, and let "
+                "the integral give at most %.3g N m",
                 seen.joint, 100 * limited, 100.0 * sums.at_limit_unwinding / sums.at_limit,
                 kQuarter * seen.torque_max_nm);
   }

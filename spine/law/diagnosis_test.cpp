@@ -52,7 +52,7 @@ TEST(Diagnosis, EachCauseIsFoundFromWhatTheJointDid) {
   } cases[] = {
       {Cause::no_torque, "no torque at all", found(run([](const In&) { return 0; }, 0.1))},
       {Cause::wrong_sign, "measured: +3 N m per rad", found(run([](const In& in) { return -pd(in, 3, 0); }, 0, 600))},
-      {Cause::wrong_damping_sign, "begin with a quarter of the gain (0.05)",
+      {Cause::wrong_damping_sign, "begin with a gain of 0.05",
        found(run([](const In& in) { return pd(in, 3, 0) + 0.2 * in.velocity_rad_s; }, 0, 500))},
       {Cause::degrees, "172 and 3", found(run([](const In& in) {
          return 3 * (in.setpoint_rad - in.position_rad * 180 / std::numbers::pi) - 0.2 * in.velocity_rad_s;
