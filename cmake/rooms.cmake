@@ -183,6 +183,7 @@ endfunction()
 function(lithe_stress room filter)
   if(LITHE_TESTS AND CMAKE_CROSSCOMPILING)
     add_test(NAME Stress.${room} COMMAND ${room}_tests --gtest_filter=${filter} --gtest_repeat=10 --gtest_brief=1)
-    set_tests_properties(Stress.${room} PROPERTIES TIMEOUT 1800 LABELS stress PROCESSORS 2)
+    set_tests_properties(Stress.${room} PROPERTIES TIMEOUT 1800 LABELS stress PROCESSORS 2
+                         FAIL_REGULAR_EXPRESSION "0 tests from 0 test;FAILED")
   endif()
 endfunction()

@@ -22,9 +22,11 @@ bool may_use_fifo() {
 }  // namespace
 
 bool run_cyclictest(int cpu, int seconds, std::vector<std::int64_t>& latency_ns) {
+  constexpr long kMostUs = 200'000;  // a later one counts as this
   const std::string command =
-      "cyclictest --quiet --mlockall --threads=1 --interval=1000 --histogram=200000 --affinity=" + std::to_string(cpu) +
-      " --duration=" + std::to_string(seconds) + (may_use_fifo() ? " --priority=80" : "") + " 2>&1";
+      "cyclictest --quiet --mlockall --threads=1 --interval=1000 --histogram=" + std::to_string(kMostUs) +
+      " --affinity=" + std::to_string(cpu) + " --duration=" + std::to_string(seconds) +
+      (may_use_fifo() ? " --priority=80" : "") + " 2>&1";
   std::FILE* output = popen(command.c_str(), "r");
   if (output == nullptr) {
     std::perror("bench: cyclictest");
@@ -37,7 +39,10 @@ bool run_cyclictest(int cpu, int seconds, std::vector<std::int64_t>& latency_ns)
     long latency_us = 0;
     long count = 0;
     text += line.data();
-    if (std::sscanf(line.data(), "%ld %ld", &latency_us, &count) != 2) continue;  // "000012 000345"
+    if (std::sscanf(line.data(), "# Histogram Overflows: %ld", &count) == 1)
+      latency_us = kMostUs;
+    else if (std::sscanf(line.data(), "%ld %ld", &latency_us, &count) != 2)  // "000012 000345"
+      continue;
     latency_ns.insert(latency_ns.end(), static_cast<std::size_t>(count), latency_us * 1000);
   }
   if (pclose(output) == 0 && latency_ns.size() > before) return true;

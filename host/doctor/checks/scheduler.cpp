@@ -42,15 +42,15 @@ Domains read_domains(const Subject& subject, const std::string& text) {
 }
 
 // Whether cgroup v1 has taken the core out of the balancing: the root balances nothing, and no group with the core
-// does.
+// does. One whose cores cannot be read may have it.
 bool is_out_of_v1(const Subject& subject, Notes& notes) {
   if (subject.files.read(kV1Balance).value != "0") return false;
   notes.read(kV1Balance);
   for (const std::string& group : subject.files.list(kV1)) {
     const std::string folder = fmt::format("{}/{}", kV1, group);
     const Reading cpus = subject.files.read(folder + "/cpuset.cpus");
-    const bool balances = cpus.known() && subject.files.read(folder + "/cpuset.sched_load_balance").value != "0";
-    if (balances && contains(parse_cpu_list(cpus.value), subject.cpu)) return false;
+    if (subject.files.read(folder + "/cpuset.sched_load_balance").value == "0") continue;
+    if (!cpus.known() || contains(parse_cpu_list(cpus.value), subject.cpu)) return false;
   }
   return true;
 }

@@ -126,7 +126,8 @@ Measured summarise(const Scan& found, const Counts& before, const Counts& after)
   if (before.stolen && after.stolen) seen.stolen_s = 0.01 * static_cast<double>(*after.stolen - *before.stolen);
   seen.phase_share = phase_shares(found.gaps);
   seen.quietest_phase_us = quietest_phase_us(seen.phase_share);
-  seen.rates = rate_shares(found.gaps, found.from_ns, found.until_ns);
+  const bool all = found.count == found.gaps.size();  // else nothing is known of the time behind the last one kept
+  seen.rates = rate_shares(found.gaps, found.from_ns, all ? found.until_ns : found.gaps.back().start_ns);
   return seen;
 }
 

@@ -67,6 +67,9 @@ TEST_F(Traps, TheLastCoreThatIsNotIsolatedHasNoDomainEither) {
   EXPECT_EQ(state("domain_isolation"), State::ok);
   root_.write("/sys/fs/cgroup/cpuset/lithe.rest/cpuset.cpus", "1");
   EXPECT_EQ(state("domain_isolation"), State::unknown);
+  root_.write("/sys/fs/cgroup/cpuset/lithe.rest/cpuset.cpus", "0");
+  make_unreadable("/sys/fs/cgroup/cpuset/lithe.rest/cpuset.cpus");
+  EXPECT_EQ(state("domain_isolation"), State::unknown) << "the group may have the core";
 }
 
 TEST_F(Traps, TwoSpinesOnOneCoreFailWithBothPids) {
