@@ -47,6 +47,7 @@ struct Resident {
   std::uint32_t code_bytes = 0;    // of the code and constants in it
   std::uint64_t code_address = 0;  // where the slot begins; 0 = no slot
   Terms terms;
+  bool unproven = false;  // it was committed on probation, and not confirmed since
   std::array<Param, kMaxParams> params{};
   std::array<double, kMaxParams> params_before{};   // the values before the last change, for a revert
   std::array<double, kMaxParams> params_trusted{};  // the last confirmed values

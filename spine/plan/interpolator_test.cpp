@@ -95,6 +95,21 @@ TEST(Interpolator, AStreamHasTheAccelerationOfItsCurveAlsoWherePlansBeginAhead) 
   EXPECT_LT(worst_acceleration_of_a_stream(-1), 0.1 * 5.92);
 }
 
+// Backwards the first arc of this one would be 4.5 times as hard as the plan itself.
+TEST(Interpolator, AheadOfAPlanIsNothingMuchHarderThanThePlan) {
+  Bench bench;
+  ASSERT_EQ(bench.accept(make_plan({{1, 0.0, 2.0}, {1000, 2.0, 2.0}}, true), 0), PlanReject::none);
+  for (double t = 1; t < 700; ++t) bench.at(t);
+  const auto at = bench.at(700).position_rad[0];
+  ASSERT_EQ(
+      bench.accept(make_plan({{750, at + 0.03, 0.0}, {755, at + 0.0301667, 0.075}, {760, at + 0.0307917, 0.175}}, true),
+                   700),
+      PlanReject::none);
+  double hardest = 0;
+  for (double t = 700; t < 760; ++t) hardest = std::max(hardest, std::abs(bench.at(t).acceleration_rad_s2[0]));
+  EXPECT_LT(hardest, 65);
+}
+
 TEST(Interpolator, APlanAheadStartsFromThePresentMotionWithoutABump) {
   Bench bench;
   Trace trace{0.1, {}, {}, {}};

@@ -65,7 +65,9 @@ void Knots::choose_leads(std::int64_t now_ns, std::size_t joints, const JointArr
     const Arc steady{rad[0][j], rad_s[0][j], 0, 0};
     lead[j] = count > 1 ? arc(0, j) : steady;
     const auto gap_rad_s = [&](const Arc& a) LITHE_RT { return std::abs(now_rad_s[j] - a.velocity(from_s)); };
-    if (gap_rad_s(lead[j]) >= gap_rad_s(steady) || fastest_lead(from_s, j) > most_rad_s[j]) lead[j] = steady;
+    const bool nearer = gap_rad_s(lead[j]) < gap_rad_s(steady);
+    const bool gentle = std::abs(lead[j].acceleration(from_s)) <= 2 * hardest(0, j);
+    if (!nearer || !gentle || fastest_lead(from_s, j) > most_rad_s[j]) lead[j] = steady;
   }
 }
 

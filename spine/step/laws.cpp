@@ -150,6 +150,7 @@ Laws::Back Laws::step_back() LITHE_RT {
   probation_.end();
   law::FieldBits mended = 0;
   if (!slot_.rollback(law::Carry::none, 1, &mended)) return Back::nowhere;
+  if (slot_.active()->unproven) probation_.start(slot_.active()->terms);
   report_.flags |= flag::kRolledBack;
   begin_law(0);
   report_.params_changed = true;
@@ -232,6 +233,7 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
   for (std::uint32_t j = 0; j < in_.joints; ++j) {
     torque_nm[j] = wanted_nm(effort_, in_, j);
     clamped[j] = guard_.law_flags(j) & Probation::kClamped;
+    if ((verdict.flags & flag::kSoftStarting) != 0) clamped[j] &= ~flag::kTorqueClamped;  // of the start, not the law
   }
   const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, clamped});
   if (probation_.unproven()) report_.flags |= flag::kUnproven;
@@ -248,6 +250,7 @@ void Laws::tell_probation(const Probation::News& news) LITHE_RT {
   if (news.params_confirmed)
     report_.event(EventKind::params_confirmed, law.law_id, params_id, 0, "their probation is over");
   if (!news.law_confirmed) return;
+  slot_.active()->unproven = false;
   report_.event(
       EventKind::law_confirmed, law.law_id, law.request_id, 0,
       guard_.any_stopped() ? "its probation is over, with a part of the robot stopped" : "its probation is over");

@@ -48,7 +48,7 @@ void Probation::start(const law::Terms& terms) LITHE_RT {
 }
 
 void Probation::start_params(std::uint64_t request_id) LITHE_RT {
-  if (of_law()) return;
+  if (of_law()) return law_.start(law_.ticks);
   params_request_id_ = request_id;
   // Several changes in a row are compared with the time before the first of them.
   const bool first = params_.left == 0;
@@ -66,8 +66,9 @@ void Probation::end_params() LITHE_RT {
 
 void Probation::compare_from_here() LITHE_RT {
   long_steps_ = 0;
-  error_before_rad_ = most_error_rad_;
-  compares_again_ = last_ns_ < catching_up_ns_;
+  const bool found_it_so = last_ns_ < catching_up_ns_;
+  for (std::size_t j = 0; j < kMaxJoints; ++j)
+    error_before_rad_[j] = found_it_so ? std::max(most_error_rad_[j], found_rad_[j]) : most_error_rad_[j];
   clamped_before_ = clamped_share_;
   tremor_.start();
 }
@@ -120,17 +121,20 @@ bool Probation::guard_is_busy(const Observed& tick, Evidence& evidence) const LI
 
 void Probation::remember(const Observed& tick) LITHE_RT {
   constexpr auto kCatchUpNs = static_cast<std::int64_t>(1e9 * kCatchUpS);
-  if (last_ns_ > 0 && tick.in.t_ns - last_ns_ >= pause_ns_) catching_up_ns_ = tick.in.t_ns + kCatchUpNs;
+  if (last_ns_ > 0 && tick.in.t_ns - last_ns_ >= pause_ns_) {
+    if (!catching_up(tick.in)) found_rad_.fill(0.0);
+    catching_up_ns_ = tick.in.t_ns + kCatchUpNs;
+  }
   last_ns_ = tick.in.t_ns;
   const bool counts = !catching_up(tick.in);
   for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
-    if (counts) most_error_rad_[j] = std::max(error_rad(tick.in, j), most_error_rad_[j] * forget_error_);
+    const double off_rad = error_rad(tick.in, j);
+    if (counts) most_error_rad_[j] = std::max(off_rad, most_error_rad_[j] * forget_error_);
+    if (!counts) found_rad_[j] = std::max(found_rad_[j], off_rad);
     const double clamped = tick.clamped[j] != 0 ? 1.0 : 0.0;
     clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
     tremor_.see(tick.in, j, tick.torque_nm[j]);
-    if (counts && compares_again_) error_before_rad_[j] = std::max(error_before_rad_[j], most_error_rad_[j]);
   }
-  compares_again_ = compares_again_ && !counts;
   const bool too_long = terms_.budget_ns > 0 && tick.law_ns > terms_.budget_ns;
   long_steps_ = too_long ? long_steps_ + 1 : 0;
 }

@@ -26,7 +26,7 @@ namespace lithe::step {
 // Only ticks in which the robot moves, or should move, count for the duration. A robot at rest proves nothing.
 // When the machine stopped the tick for kPauseS (at least 3.5 periods), the setpoint went on without the law: for
 // kCatchUpS no tracking error is judged or remembered, and no tick counts. The guard's limits hold all the time. A law
-// committed meanwhile is compared with the error at the end of that time, where it is larger.
+// committed meanwhile is also compared with the errors of that time before its commit.
 // A law and its parameters can be on probation at the same time; then the newer parameters are reverted first.
 // Parameters of an unconfirmed law get no probation of their own: they are judged with the law.
 // Contract: RT · owned by the tick thread · bounded work per joint
@@ -48,7 +48,7 @@ class Probation {
   // To be called when a law was committed. It is compared with the time before.
   void start(const law::Terms& terms) LITHE_RT;
   // To be called when this command has set parameters of the active law. They are compared likewise, for the duration
-  // in the robot file. While the law itself is on probation, it and the values are judged together.
+  // in the robot file. While the law itself is on probation, that begins again: it and the values are judged together.
   void start_params(std::uint64_t request_id) LITHE_RT;
   std::uint64_t params_request_id() const LITHE_RT { return params_request_id_; }
   // Another law runs.
@@ -119,7 +119,7 @@ class Probation {
   std::int64_t pause_ns_ = 0;        // between two ticks
   std::int64_t last_ns_ = 0;         // of the tick before
   std::int64_t catching_up_ns_ = 0;  // until then
-  bool compares_again_ = false;      // at the end of it
+  JointArray found_rad_{};           // the largest errors in it so far
   JointArray clamped_share_{};       // of recent ticks in which the guard clamped the joint
   law::Tremor tremor_;
 

@@ -183,8 +183,11 @@ void Laws::swap(Host& host) LITHE_RT {
 }
 
 void Laws::commit(law::Resident& candidate, law::Carry carry) LITHE_RT {
+  // Values on probation leave with the law: an earlier law runs with those that were confirmed.
+  if (probation_.of_params()) slot_.active()->restore_trusted_params();
   const law::Commit done = slot_.commit(candidate, carry);
   const bool follows = done.previous_id != 0;
+  candidate.unproven = follows && candidate.terms.probation_ticks > 0;
   begin_law(follows ? candidate.terms.blend_ticks : 0);
   probation_.end();
   if (follows) probation_.start(candidate.terms);
@@ -208,7 +211,8 @@ void Laws::start_shadow(law::Resident& candidate) LITHE_RT {
 
 // Runs the shadow candidate, after the active law's output has been handed over.
 void Laws::step_shadow(Host& host) LITHE_RT {
-  if (!mode_.law_runs() || (report_.flags & (flag::kRolledBack | flag::kLawFaulted)) != 0)
+  if (!mode_.law_runs()) return end_shadow(Shadow::Opinion::refuse, "no law runs any more: arm, then swap again");
+  if ((report_.flags & (flag::kRolledBack | flag::kLawFaulted)) != 0)
     return end_shadow(Shadow::Opinion::refuse, "the active law was replaced");
   if (guard_.any_stopped())
     return end_shadow(Shadow::Opinion::refuse, "a part of the robot is stopped: nothing can be compared there");

@@ -197,7 +197,7 @@ void LawLifecycle::faulted(const wire::Event& event) {
   Life* life = of_request(event.request_id);
   if (life == nullptr) return;
   const std::string kind(to_string(static_cast<wire::LawFaultKind>(event.code)));
-  life->fault = kind;
+  if (!fault || fault->to_law_id != fault->law_id) life->fault = kind;  // else only its parameters went back
   if (!fault) {
     life->swap.note("fault", {{"kind", kind}, {"tick", event.tick}, {"record_lost", true}});
     return keep_(life->swap, life->record);

@@ -93,6 +93,14 @@ TEST_F(LawLifecycleTest, AtRestALawIsUnprovenAndStillOnProbation) {
   EXPECT_EQ(verdict(1), "unproven") << "what became of it, not that it is gone";
 }
 
+TEST_F(LawLifecycleTest, ALawIsNotBlamedForItsParametersWhenAPersonTakesItAwayLater) {
+  commit(1);
+  commit(2);
+  fault(2, 2, wire::LawFaultKind::oscillating, 110);  // only its parameters went back
+  tell(EventKind::law_rolled_back, 101, 1);
+  EXPECT_EQ(kept_[102]["rolled_back"]["why"], "asked for");
+}
+
 TEST_F(LawLifecycleTest, ComparesOldLawAndNewPerJoint) {
   ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
   auto record = std::make_unique<wire::Telemetry>();

@@ -349,7 +349,7 @@ void Swaps::shadow_ended(const wire::Event& event) {
         Refusal{"shadow_failed",
                 fmt::format("in the shadow: {} (largest difference {:.4g} N m, tolerance {:.4g} N m)",
                             text_of(event.text), event.value, head_->swap.request().terms.shadow_tolerance_nm),
-                "the running law is unchanged; make them agree, or swap without a shadow"};
+                "the laws are as before; where they disagree make them agree, or swap without a shadow"};
   }
 }
 

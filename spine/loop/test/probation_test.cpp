@@ -183,56 +183,6 @@ TEST_F(LawsTest, ALawThatGivesNoNumberIsReplacedAndTheJointNamed) {
   }
 }
 
-// The machine takes the tick away for 0.1 s: the setpoint is 0.4 rad further when the law is back, through no fault of
-// its.
-TEST_F(LawsTest, APauseOfTheMachineIsNotBlamedOnTheLaw) {
-  arm_with(kPd);
-  terms_.probation_ticks = 1000, terms_.probation_error_ratio = 3;
-  stage(kPd);
-  publish(2.0, 500);
-  ticks(100);
-  ASSERT_EQ(slot_.active()->law_id, 2u);
-  tick(true, 99);
-  const double error_rad = std::abs(record_.setpoint_position_rad[0] - record_.position_rad[0]);
-  EXPECT_GT(error_rad, 3 * step::Probation::kLeastErrorRad) << "more than the law would be allowed";
-  ticks(300);
-  EXPECT_EQ(slot_.active()->law_id, 2u) << "and it has caught up by then";
-  EXPECT_TRUE(events(EventKind::law_rolled_back).empty());
-}
-
-// As after `arm`: the joint is far from a setpoint that went on without it. The law before did no better.
-TEST_F(LawsTest, ALawCommittedInThatTimeIsNotBlamedForTheErrorThatItFound) {
-  arm_with(kLazy);
-  ticks(1500);
-  terms_.probation_ticks = 1000, terms_.probation_error_ratio = 3;
-  publish(0.4, 200);
-  tick(true, 20);
-  stage(kLazy);
-  tick();
-  ASSERT_EQ(slot_.active()->law_id, 2u);
-  ticks(1000);
-  EXPECT_GT(std::abs(record_.setpoint_position_rad[0] - record_.position_rad[0]), 0.3);
-  EXPECT_EQ(slot_.active()->law_id, 2u);
-  stage(kPush);
-  for (int i = 0; i < 2000 && slot_.active()->law_id != 3; ++i) tick();
-  for (int i = 0; i < 5000 && slot_.active()->law_id == 3; ++i) tick();
-  EXPECT_EQ(slot_.active()->law_id, 2u) << "one that makes it three times larger is";
-}
-
-TEST_F(LawsTest, ABadLawIsFoundAfterAPause) {
-  arm_with(kPd);
-  publish(0.4);
-  ticks(1500);
-  terms_.probation_ticks = 1000, terms_.probation_error_ratio = 3;
-  stage(kPush);
-  tick();
-  ASSERT_EQ(slot_.active()->law_id, 2u);
-  tick(true, 20);
-  for (int i = 0; i < 1000 && slot_.active()->law_id == 2; ++i) tick();
-  EXPECT_EQ(slot_.active()->law_id, 1u);
-  EXPECT_FALSE(events(EventKind::law_rolled_back).empty());
-}
-
 // At rest, nothing is proven; then it moves.
 TEST_F(LawsTest, AGoodLawIsConfirmedOnceTheRobotHasMovedForLongEnough) {
   arm_with(kPd);
