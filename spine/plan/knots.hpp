@@ -79,8 +79,8 @@ struct Knots {
                          std::size_t first) LITHE_RT;
 
   // The curve before a first knot that is near, from a motion at `now_rad_s`: the first arc, backwards, where that is
-  // nearer to it in velocity, not faster than `most_rad_s` and at most twice as hard as the plan, as of a stream whose plans begin ahead; else a constant
-  // velocity. (Positions are no measure: they differ while a blend lasts.)
+  // nearer to it in velocity, not faster than `most_rad_s` and at most twice as hard as the plan, as of a stream
+  // whose plans begin ahead; else a constant velocity. (Positions are no measure: they differ while a blend lasts.)
   void choose_leads(std::int64_t now_ns, std::size_t joints, const JointArray& now_rad_s, const JointArray& most_rad_s)
       LITHE_RT;
 
