@@ -49,7 +49,7 @@ bool is_out_of_v1(const Subject& subject, Notes& notes) {
   for (const std::string& group : subject.files.list(kV1)) {
     const std::string folder = fmt::format("{}/{}", kV1, group);
     const Reading cpus = subject.files.read(folder + "/cpuset.cpus");
-    if (subject.files.read(folder + "/cpuset.sched_load_balance").value == "0") continue;
+    if (cpus.is_absent() || subject.files.read(folder + "/cpuset.sched_load_balance").value == "0") continue;
     if (!cpus.known() || contains(parse_cpu_list(cpus.value), subject.cpu)) return false;
   }
   return true;
