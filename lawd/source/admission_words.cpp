@@ -50,9 +50,9 @@ constexpr std::string_view kNoClock = "a law never waits and reads no clock: tim
 constexpr std::string_view kNoFile =
     "a law opens no file and no socket: what it needs belongs in Params or comes through the setpoint";
 constexpr std::string_view kNoChance =
-    "the same input must give the same output: leave it out, or keep a generator's state in State (std::uint32_t seed "
-    "= "
-    "1;) and compute it in step(): s.seed = s.seed * 1664525u + 1013904223u; then s.seed / 4294967296.0 is from 0 to 1";
+    "the same input must give the same output: leave it out, or keep a generator's state in State (std::uint32_t "
+    "seed = 1;) and compute it in step(): s.seed = s.seed * 1664525u + 1013904223u; then s.seed / 4294967296.0 is from "
+    "0 to 1";
 constexpr std::string_view kNoEnd = "a law may not end, copy or signal its process: to stop, return zero torque";
 constexpr std::string_view kNoThrow = "a law has no exceptions: test the value, set a safe torque and return";
 constexpr std::string_view kNoCast = "a law works on numbers and never on raw memory: keep the type, or copy the value";

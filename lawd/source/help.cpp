@@ -95,9 +95,8 @@ struct Advice {
   std::string_view part, also, says;
 };
 constexpr std::string_view kPerJoint =
-    "an array has one number per joint: compute with one joint at a time, [j] in for (std::uint32_t j = 0; j < "
-    "t.joints; "
-    "++j)";
+    "an array has one number per joint: compute with one joint at a time, [j] in for (std::uint32_t j = 0; "
+    "j < t.joints; ++j)";
 constexpr std::string_view kTuned =
     "Params are tuned from outside, and a law cannot change them: change a number in State instead (double kp = 4;)";
 constexpr auto kAdvice = std::to_array<Advice>({
