@@ -5,7 +5,7 @@ namespace lithe::loop {
 namespace {
 
 std::int64_t age_ns(const wire::SegmentHeader& header, std::int64_t now_ns) LITHE_RT {
-  constexpr std::int64_t kFutureNs = 1'000'000;  // two cores' clocks differ by far less
+  constexpr std::int64_t kFutureNs = 100'000'000;  // the tick may have been paused since it read its clock
   std::int64_t& word = const_cast<std::int64_t&>(header.heartbeat_ns);
   const std::int64_t heartbeat_ns = std::atomic_ref<std::int64_t>(word).load(std::memory_order_acquire);
   if (heartbeat_ns <= 0 || heartbeat_ns > now_ns + kFutureNs) return -1;

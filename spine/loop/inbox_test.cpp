@@ -124,7 +124,7 @@ class MailboxParamsTest : public testing::Test, protected TickBench {
 TEST_F(MailboxParamsTest, AreRefusedWhileASupervisorCouldTryThemAndTheReasonIsTold) {
   arm_with(kPd);
   ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events(memory_->events_tick);
-  for (const std::int64_t silent_ns : {std::int64_t{0}, 20 * kNsPerMs, 900 * kNsPerMs}) {
+  for (const std::int64_t silent_ns : {-50 * kNsPerMs, std::int64_t{0}, 20 * kNsPerMs, 900 * kNsPerMs}) {
     supervisor_lives_since(silent_ns);
     EXPECT_EQ(brain_sends(gain_of(8)), CommandResult::refused_untried) << silent_ns;
   }

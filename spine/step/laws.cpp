@@ -230,12 +230,14 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
   if (probation_.of_params()) report_.flags |= flag::kParamsOnProbation;
   JointArray torque_nm;
   std::array<std::uint32_t, kMaxJoints> clamped{};
+  std::array<bool, kMaxJoints> joint_stopped{};
   for (std::uint32_t j = 0; j < in_.joints; ++j) {
     torque_nm[j] = wanted_nm(effort_, in_, j);
+    joint_stopped[j] = guard_.stopped(j);
     clamped[j] = guard_.law_flags(j) & Probation::kClamped;
     if ((verdict.flags & flag::kSoftStarting) != 0) clamped[j] &= ~flag::kTorqueClamped;  // of the start, not the law
   }
-  const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, clamped});
+  const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, clamped, joint_stopped});
   if (probation_.unproven()) report_.flags |= flag::kUnproven;
   tell_probation(news);
   if (news.kind != LawFaultKind::none) replace(news);

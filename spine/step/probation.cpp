@@ -128,6 +128,7 @@ void Probation::remember(const Observed& tick) LITHE_RT {
   last_ns_ = tick.in.t_ns;
   const bool counts = !catching_up(tick.in);
   for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
+    if (tick.stopped[j]) continue;
     const double off_rad = error_rad(tick.in, j);
     if (counts) most_error_rad_[j] = std::max(off_rad, most_error_rad_[j] * forget_error_);
     if (!counts) found_rad_[j] = std::max(found_rad_[j], off_rad);

@@ -67,6 +67,7 @@ class Probation {
     const JointArray& torque_nm;  // what the law wants at each joint
     std::int64_t law_ns;
     std::array<std::uint32_t, kMaxJoints> clamped;  // per joint: kClamped bits of what the guard did to the law
+    std::array<bool, kMaxJoints> stopped;           // joints that the law does not drive: not judged
   };
   // What the guard clamps, of wire::telemetry_flag.
   static constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped |

@@ -64,6 +64,19 @@ struct Spoilt {
   }
 };
 constexpr LitheLaw kSpoilt = describe<Spoilt>("spoilt");
+// What it wants of the leg jumps up and down in every other tick, and of the arm it is PD.
+struct ShakesLeg {
+  struct Params {};
+  struct State {
+    double count = 0;
+  };
+  static void step(const Tick& t, const Params&, State& s, Effort& u) {
+    u.torque_nm[kArm] = 4 * (t.setpoint_position_rad[kArm] - t.position_rad[kArm]) - 0.1 * t.velocity_rad_s[kArm];
+    s.count += 1;
+    u.torque_nm[kLeg] = std::fmod(s.count, 4) < 2 ? 1 : -1;
+  }
+};
+constexpr LitheLaw kShakesLeg = describe<ShakesLeg>("shakes_leg");
 struct RunAway {
   struct Params {};
   struct State {};
@@ -237,6 +250,16 @@ TEST_F(Groups, ALawOnProbationIsNotBlamedForAStoppedLeg) {
   EXPECT_EQ(record_.law_id, id);
   EXPECT_EQ(last_event(wire::EventKind::law_rolled_back), "");
   EXPECT_EQ(last_event(wire::EventKind::law_confirmed), "its probation is over, with a part of the robot stopped");
+}
+
+TEST_F(Groups, ALawOnProbationIsNotBlamedForWhatItWantsOfAStoppedLeg) {
+  arm_with(kBoth);
+  live(100, wire::joint_status::kLost);
+  terms_.probation_ticks = 200;
+  const std::uint32_t id = stage(kShakesLeg).law_id;
+  live(250, wire::joint_status::kLost);
+  EXPECT_EQ(record_.law_id, id);
+  EXPECT_EQ(last_event(wire::EventKind::law_rolled_back), "");
 }
 
 // What a law would do with a leg that is the safe law's cannot be compared, and after a reset it would drive it.
