@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from calm import connected
-from system.robot_rig import ROOT, RobotRig
+from system.robot_rig import ROOT, START_S, RobotRig
 
 
 def folder(rig: RobotRig) -> Path:
@@ -55,12 +55,17 @@ def assert_chained(rig: RobotRig) -> None:
 
 
 def sway(rig: RobotRig, seconds: float = 2.0) -> None:
-    """The robot moves: what is judged in motion only can be judged."""
+    """Move for so long, and until nothing is on probation: on a busy machine, many ticks of motion do not count."""
     os.environ.update({key: value for key, value in rig.env.items() if key.startswith("LITHE_")})
+    until = time.monotonic() + START_S
     with connected() as robot:
-        for side in (0.3, -0.3, 0.0):
-            robot.go_to([side], seconds / 3)  # the arm has one joint
-            time.sleep(seconds / 3)
+        while True:
+            for side in (0.3, -0.3, 0.0):
+                robot.go_to([side], seconds / 3)  # the arm has one joint
+                time.sleep(seconds / 3)
+            if robot.status()["probation"]["of"] == "none":
+                return
+            assert time.monotonic() < until, f"still on probation after {START_S} s of motion"
 
 
 class Asks:
