@@ -25,7 +25,8 @@ test: ROOMS := cmake --build --preset release --target help | grep -oE "[a-z0-9_
 test: KNOWN = $(if $(ROOM),{ $(ROOMS) | grep -qx $(ROOM) || { echo "make test: there is no room $(ROOM). Rooms:" $$($(ROOMS)) >&2; exit 1; }; } &&)
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
 	@rm -rf $(SAID) && mkdir -p $(SAID)
-	@ctest --preset release -j $(WORKERS) --progress --output-junit $(CURDIR)/$(SAID)/ctest.xml $(if $(ROOM),-L '(^|[.])$(ROOM)$$') || \
+	@ctest --preset release -j $(WORKERS) --progress --output-junit $(CURDIR)/$(SAID)/ctest.xml -LE '^mutant$$' \
+	  $(if $(ROOM),-L '(^|[.])$(ROOM)$$') || \
 	  ctest --preset release --rerun-failed --output-junit $(CURDIR)/$(SAID)/ctest-again.xml
 	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(BESIDE) --junitxml=$(SAID)/pytest.xml || \
 	  $(PYTHON) -m pytest --last-failed --lfnf=none $(BESIDE) --junitxml=$(SAID)/pytest-again.xml)
@@ -34,7 +35,7 @@ test: release  ## every test: C++ (ctest), then Python and across processes (pyt
 
 test-fast: PACKAGES := build test
 test-fast: release  ## C++ tests without properties of thousands of runs and fuzzer seeds; of Python the tools' tests
-	@ctest --preset release -j $(WORKERS) --progress -LE '^(limits|fuzz)$$'
+	@ctest --preset release -j $(WORKERS) --progress -LE '^(limits|fuzz|mutant)$$'
 	@$(PYTHON) -m pytest tests/tools tests/test_schema_roundtrip.py
 
 test-arm64:  ## the C++ tests for 64-bit ARM: cross-built, run under QEMU; ROOM=guard for those of one room

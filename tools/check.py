@@ -80,6 +80,12 @@ STEPS = [
     ),
     Step("asan-all", f"{build('asan')} && ctest --preset asan -j {JOBS}", "ctest --preset asan -R NAME", long=True),
     Step(
+        "mutants",
+        f"{build('release', 'mutants')} && ctest --preset mutants -j {JOBS}",
+        "ctest --preset mutants -R NAME; tests/fuzz/mutants.cmake has the lines",
+        long=True,
+    ),
+    Step(
         "fuzz-long",
         f"{build('asan', 'fuzzers')} && {PYTHON} tools/fuzz.py --seconds 60 --jobs {JOBS}",
         FOUND,

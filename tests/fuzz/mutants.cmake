@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# Broken twins of the code under test: one line of one source is exchanged, and the target must notice.
+# Broken twins of the code under test: one line of one source is exchanged, and the target must notice. They are built and
+# run by `make check-all`; that each line still exists is a test of every run.
+add_custom_target(mutants)
 
 # lithe_mutant(<name> <target> <source> <line> <spoilt line>): the test Fuzz.<target>.refutes.<name>
 function(lithe_mutant name target source line spoilt)
@@ -9,17 +11,20 @@ function(lithe_mutant name target source line spoilt)
   set(test Fuzz.${target}.refutes.${name})
   if(mutated STREQUAL text)
     add_test(NAME ${test} COMMAND ${CMAKE_COMMAND} -E echo "${source} has no such line any more: ${line}")
+    set(label fuzz)
   else()
+    set(label mutant)
     set(copy ${CMAKE_CURRENT_BINARY_DIR}/mutants/${name}.cpp)
     file(CONFIGURE OUTPUT ${copy} CONTENT "${mutated}" @ONLY)
     get_target_property(links fuzz_${target} LINK_LIBRARIES)
     # Before the library that holds the sound object, which is then not taken from there.
-    add_executable(mutant_${name} ${copy} $<TARGET_OBJECTS:fuzz_${target}_code> $<TARGET_OBJECTS:fuzz_driver>)
+    add_executable(mutant_${name} EXCLUDE_FROM_ALL ${copy} $<TARGET_OBJECTS:fuzz_${target}_code> $<TARGET_OBJECTS:fuzz_driver>)
     target_link_libraries(mutant_${name} PRIVATE ${links})
     target_compile_options(mutant_${name} PRIVATE -w ${LITHE_LIGHT})
+    add_dependencies(mutants mutant_${name})
     add_test(NAME ${test} COMMAND mutant_${name})
   endif()
-  set_tests_properties(${test} PROPERTIES PASS_REGULAR_EXPRESSION "refuted: " TIMEOUT 300 LABELS fuzz)
+  set_tests_properties(${test} PROPERTIES PASS_REGULAR_EXPRESSION "refuted: " TIMEOUT 300 LABELS ${label})
 endfunction()
 
 # What the fuzzers must notice: each line once did harm, or would.
