@@ -102,7 +102,7 @@ std::string some_of(const std::vector<std::string>& names, const char* noun) {
 }
 
 bool has_no(const Subject& subject, const std::string& parent, const std::string& name) {
-  return subject.files.is_folder(parent) && !subject.files.is_folder(parent + "/" + name);
+  return subject.files.is_folder(parent) && subject.files.is_gone(parent + "/" + name);
 }
 
 }  // namespace lithe::host

@@ -49,6 +49,11 @@ bool HostFiles::is_folder(const std::string& path) const {
   return std::filesystem::is_directory(root_ + path, failed);
 }
 
+bool HostFiles::is_gone(const std::string& path) const {
+  std::error_code failed;
+  return std::filesystem::symlink_status(root_ + path, failed).type() == std::filesystem::file_type::not_found;
+}
+
 std::vector<std::string> HostFiles::list(const std::string& folder) const {
   std::vector<std::string> names;
   for (const std::filesystem::path& path : files_in(root_ + folder)) names.push_back(path.filename().string());

@@ -36,6 +36,9 @@ class HostFiles {
   // Whether there is such a folder. A feature that a kernel does not have has no folder.
   bool is_folder(const std::string& path) const;
 
+  // Whether there is certainly nothing of that name: neither a file nor a folder, nor one that cannot be looked at.
+  bool is_gone(const std::string& path) const;
+
   // Names in a folder, sorted; empty if there is none or it cannot be read.
   std::vector<std::string> list(const std::string& folder) const;
 

@@ -41,11 +41,13 @@ std::optional<Task> parse_task(const std::string& stat, const std::string& statu
 
 void read_process(const HostFiles& files, const std::string& pid, Tasks& tasks) {
   const std::string folder = "/proc/" + pid + "/task";
-  for (const std::string& tid : files.list(folder)) {
+  const std::vector<std::string> threads = files.list(folder);
+  if (threads.empty() && !files.is_gone(folder)) tasks.why_not_whole = folder + " cannot be listed";
+  for (const std::string& tid : threads) {
     const std::string each = folder + "/" + tid;
     if (std::optional<Task> task = read_task(files, each))
       tasks.all.push_back(std::move(*task));
-    else if (files.is_folder(each))  // else it has ended meanwhile
+    else if (!files.is_gone(each))  // else it has ended meanwhile
       tasks.why_not_whole = each + " cannot be read";
   }
 }

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -200,6 +201,37 @@ TEST(TuneKills, AnApplyKilledBeforeAnySystemCallIsUndoneToTheByte) {
   }
   std::printf("%d kills of apply\n", kills);
   EXPECT_GT(kills, 130);
+}
+
+// A disk that is full: no file, the journal among them, grows beyond so many bytes. The kernel's own files are shorter.
+TEST(TuneFullDisk, ApplySaysSoAndWhatItMadeIsUndoneToTheByte) {
+  constexpr rlim_t kLeastBytes = 64, kMoreBytes = 97;
+  int full = 0;
+  for (bool fits = false; !fits; full += fits ? 0 : 1) {
+    const FakeRoot root;
+    write_plain_board(root);
+    const Content before = content_of(root);
+    const Target target = target_at(root);
+    const std::vector<Change> changes = tune_plan(target).changes;
+    const rlim_t most = kLeastBytes + kMoreBytes * static_cast<rlim_t>(full);
+    const pid_t child = ::fork();
+    if (child == 0) {
+      ::signal(SIGXFSZ, SIG_IGN);
+      const rlimit limit{most, most};
+      ::setrlimit(RLIMIT_FSIZE, &limit);
+      const Result<TuneResult> made = tune_apply(target, changes);
+      ::_exit(made && made->well() ? 0 : 1);
+    }
+    int status = 0;
+    ::waitpid(child, &status, 0);
+    ASSERT_TRUE(WIFEXITED(status));
+    fits = WEXITSTATUS(status) == 0;
+    const auto undone = tune_revert(target, false);
+    ASSERT_TRUE(undone && undone->well()) << most << " bytes";
+    ASSERT_EQ(content_of(root), before) << most << " bytes";
+  }
+  std::printf("%d full disks\n", full);
+  EXPECT_GT(full, 20);
 }
 
 TEST(TuneKills, ARevertKilledBeforeAnySystemCallIsFinishedByTheNext) {

@@ -77,16 +77,21 @@ Scan scan(double seconds) {
   stolen.ask(found.from_ns);
   const std::int64_t end_ns = found.from_ns + static_cast<std::int64_t>(seconds * 1e9);
   std::int64_t last_ns = clock.now_ns();
+  const auto note = [&](std::int64_t start_ns, std::int64_t length_ns) {
+    if (found.count < found.gaps.size()) found.gaps[found.count] = {start_ns, length_ns};
+    ++found.count;
+    found.sum_ns += length_ns;
+    found.longest_ns = std::max(found.longest_ns, length_ns);
+  };
   while (last_ns < end_ns) {
     const std::int64_t now_ns = clock.now_ns();
     const std::int64_t gap_ns = now_ns - last_ns;
     if (gap_ns > kGapNs) {
-      if (found.count < found.gaps.size()) found.gaps[found.count] = {last_ns, gap_ns};
-      ++found.count;
-      found.sum_ns += gap_ns;
-      found.longest_ns = std::max(found.longest_ns, gap_ns);
+      note(last_ns, gap_ns);
       if (gap_ns > kAskNs) stolen.ask(now_ns);
       last_ns = clock.now_ns();
+      // At the end of a system call the core often goes to the other task: what is longer than the call was a gap, too.
+      if (last_ns - now_ns > kAskNs) note(now_ns, last_ns - now_ns);
     } else {
       last_ns = now_ns;
     }

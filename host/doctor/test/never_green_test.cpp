@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Over every file of every fake machine: what cannot be read never makes an item, or the tier, better than it was.
+// Over every file and folder of every fake machine: what cannot be read never makes an item, or the tier, better than it was.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -36,6 +36,13 @@ std::vector<std::string> files_of(const FakeRoot& root) {
   return paths;
 }
 
+std::vector<std::string> folders_of(const FakeRoot& root) {
+  std::vector<std::string> paths;
+  for (const auto& each : fs::recursive_directory_iterator(root.path()))
+    if (each.is_directory()) paths.push_back(each.path().string());
+  return paths;
+}
+
 void compare(const Diagnosis& before, const Diagnosis& after, const std::string& how) {
   for (std::size_t i = 0; i < before.findings.size(); ++i) {
     const State was = before.findings[i].state, is = after.findings[i].state;
@@ -58,6 +65,23 @@ TEST_P(NeverGreen, AFileThatIsRemovedOrUnreadableMakesNothingBetter) {
     fs::rename(path, kept);
     compare(before, diagnose(files, kJudged), "without " + path.substr(root.path().size()));
     fs::create_symlink(path, path);  // a link to itself: an error that is not "absent", for root, too
+    compare(before, diagnose(files, kJudged), "unreadable " + path.substr(root.path().size()));
+    fs::remove(path);
+    fs::rename(kept, path);
+  }
+}
+
+TEST_P(NeverGreen, AFolderThatCannotBeListedMakesNothingBetter) {
+  const FakeRoot root;
+  GetParam().put(root);
+  const HostFiles files(root.path());
+  const Diagnosis before = diagnose(files, kJudged);
+  const std::vector<std::string> paths = folders_of(root);
+  ASSERT_GT(paths.size(), 50U);
+  const std::string kept = root.path() + ".kept";  // outside: a group beside its place would be found there
+  for (const std::string& path : paths) {
+    fs::rename(path, kept);
+    fs::create_symlink(path, path);
     compare(before, diagnose(files, kJudged), "unreadable " + path.substr(root.path().size()));
     fs::remove(path);
     fs::rename(kept, path);

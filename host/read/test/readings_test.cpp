@@ -83,8 +83,8 @@ TEST(TaskScan, ReadsNamesWithBracketsAndTellsWhenItIsNotWhole) {
   EXPECT_TRUE(tasks.all.back().may_run_on(1));
   std::filesystem::remove(root.path() + "/proc/500/task/500/status");
   EXPECT_FALSE(read_tasks(HostFiles(root.path())).is_whole());
-  std::filesystem::remove_all(root.path() + "/proc/500/task/500");
-  EXPECT_TRUE(read_tasks(HostFiles(root.path())).is_whole()) << "a thread that has ended is no gap";
+  std::filesystem::remove_all(root.path() + "/proc/500");
+  EXPECT_TRUE(read_tasks(HostFiles(root.path())).is_whole()) << "a process that has ended is no gap";
 }
 
 TEST(TaskScan, OfAContainerIsNotWhole) {
