@@ -236,6 +236,40 @@ def test_a_system_on_which_something_does_not_fails(changes: dict[str, Any]) -> 
     assert any(sentence.startswith(name) for sentence in system(changes)), system(changes)
 
 
+DIAGNOSIS: dict[str, Any] = {
+    "label": "D-v",
+    "items": ITEMS,
+    "expected": SCRIPT,
+    "kernel": {"words": "6.1.0-56-rt-amd64, PREEMPT_RT"},
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "kernel", "wrong"),
+    [
+        ({}, {}, ""),
+        ({"label": "A-v"}, {}, "doctor: tier A-v, not C-v or D-v"),
+        ({"items": ITEMS[1:]}, {}, "36 items of 37"),
+        ({"items": [ITEMS[0] | {"state": "fail"}, *ITEMS[1:]]}, {}, "{'spine_pinned': ('ok', 'fail')}"),
+        ({"expected": SCRIPT.replace("item_4 ok", "item_4 warn")}, {}, "{'item_4': ('warn', 'ok')}"),
+        ({"kernel": {"words": "6.1.0-56-rt-amd64"}}, {}, "it says of the kernel: '6.1.0-56-rt-amd64'"),
+        ({"kernel": {"words": "6.1.0-55-rt-amd64, PREEMPT_RT"}}, {}, "it says of the kernel: '6.1.0-55"),
+        ({}, {"realtime": False}, "no PREEMPT_RT kernel"),
+    ],
+)
+def test_the_doctor_of_a_system_is_judged_item_by_item(
+    changes: dict[str, Any], kernel: dict[str, Any], wrong: str
+) -> None:
+    told = {"kernel": {"realtime": True} | kernel, "doctor": DIAGNOSIS | changes}
+    said = "".join(f"vm: begin {name}\r\n{json.dumps(each)}\r\nvm: end {name} 0\r\n" for name, each in told.items())
+    verdict = Verdict("r")
+    seen = board_systems.Seen(verdict, said, tuple(told))
+    board_systems.judge_doctor(seen, board_systems.UNPREPARED)
+    board_systems.judge_rt(seen, machine.Kernel(Path("boot/vmlinuz-6.1.0-56-rt-amd64"), {}))
+    assert len(verdict.wrong) == bool(wrong), verdict.wrong
+    assert wrong in "".join(verdict.wrong)
+
+
 def test_a_step_that_failed_or_never_ended_is_named() -> None:
     assert "robot" in system({}, code=1)[0]
     verdict = Verdict("a")

@@ -17,6 +17,7 @@ SCRIPT = Path(__file__).with_name("on_board.sh")
 PROGRAM = Path(__file__).with_name("on_board.py")
 STEPS_R = ("kernel", "doctor", "robot", "swaps", "brain", "stop")
 # Two boots, each within ON_BOARD_S: the tests take as long as everything else.
+UNPREPARED = ("C-v", "D-v")  # tiers of a virtual machine on which nothing was set
 STEPS_TESTS = (*STEPS_R[:2], "tests", "stress")
 STEPS_ROBOT = (*STEPS_R[2:5], "refused", "contained", "stop", "demo")
 STEPS_A = (*STEPS_TESTS, *STEPS_ROBOT)
@@ -190,7 +191,7 @@ def run_r(verdict: Verdict, cache: Path, only: str) -> None:
     cargo = cargo_for(machine.AMD64, need(LITHE), cache, names)
     seen = start(verdict, cargo, kernel, cache, names)
     judge_rt(seen, kernel)
-    judge_doctor(seen, ("C-v", "D-v"))
+    judge_doctor(seen, UNPREPARED)
     judge_common(seen)
     isolated = run_isolated(verdict, cargo, kernel, cache) if "doctor" in names else "not asked"
     cpus, diagnosis = seen.get("robot").get("cpus", {}), seen.get("doctor")
@@ -294,6 +295,7 @@ def run_a(verdict: Verdict, cache: Path, only: str) -> None:
     ]
     seen = boots[0]
     seen.told = {name: told for boot in boots for name, told in boot.told.items()}
+    judge_doctor(seen, UNPREPARED)
     judge_common(seen)
     judge_arm(seen)
     verdict.lines += arm_lines(seen)
