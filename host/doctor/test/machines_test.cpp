@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What each item of the checklist says of each of six whole machines (host/test/machines_rig.hpp tells what they are), and
-// that an item which is the same on all of them turns with what it reads.
+// What each item of the checklist says of each of six whole machines (host/test/machines_rig.hpp tells what they are),
+// and that an item which is the same on all of them turns with what it reads.
 #include <gtest/gtest.h>
 
 #include <algorithm>

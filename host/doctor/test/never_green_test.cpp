@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Over every file and folder of every fake machine: what cannot be read never makes an item, or the tier, better than it was.
+// Over every file and folder of every fake machine: what cannot be read never makes an item, or the tier, better than
+// it was.
 #include <gtest/gtest.h>
 
 #include <filesystem>
