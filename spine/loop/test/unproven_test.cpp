@@ -88,6 +88,44 @@ TEST_F(LawsTest, AnUnprovenLawThatRunsAgainIsOnProbationAgain) {
   EXPECT_NE(record_.flags & flag::kOnProbation, 0u) << "asked for, too";
 }
 
+struct PushesLater {
+  static inline bool now = false;
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    u.torque_nm[0] = now ? 1.0 : 4 * (t.setpoint_position_rad[0] - t.position_rad[0]) - 0.1 * t.velocity_rad_s[0];
+  }
+};
+constexpr LitheLaw kPushesLater = describe<PushesLater>("pushes_later");
+
+// There is no law to go back to: the robot stops, and the same law runs after the reset.
+TEST_F(LawsTest, AnUnprovenLawThatStoppedTheRobotIsOnProbationAfterTheReset) {
+  arm_with(kPd);
+  terms_.probation_ticks = 1000, terms_.probation_error_ratio = 3;
+  for (std::uint32_t i = 0; i < law::kHistory + 1; ++i) {
+    stage(kPushesLater);
+    ticks(3);
+  }
+  wire::Command back;
+  back.kind = static_cast<std::uint32_t>(CommandKind::rollback);
+  back.count = law::kHistory;
+  ASSERT_EQ(send(back), CommandResult::done);
+  ticks(3);
+  ASSERT_EQ(slot_.active()->law_id, 2u);
+  ASSERT_NE(record_.flags & flag::kOnProbation, 0u);
+  PushesLater::now = true;
+  for (int i = 0; i < 1000 && mode() == Mode::active; ++i) tick();
+  PushesLater::now = false;
+  ASSERT_EQ(mode(), Mode::safe_stop);
+  ASSERT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::law_faulted);
+  ASSERT_EQ(send(CommandKind::reset), CommandResult::done);
+  ticks(10);
+  ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
+  ticks(20);
+  ASSERT_EQ(slot_.active()->law_id, 2u);
+  EXPECT_NE(record_.flags & flag::kOnProbation, 0u);
+}
+
 TEST_F(LawsTest, ValuesOnProbationLeaveWithTheirLaw) {
   arm_with(kTuned);
   ASSERT_EQ(slot_.active()->params[0].value, 0);
