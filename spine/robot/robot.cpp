@@ -34,8 +34,13 @@ class File {
     if (const toml::table* defaults = top_.table("defaults")) read_defaults(*defaults);
     read_buses();
     read_devices();
-    read_joints();
-    read_sensors();
+    if (kinds_known_) {  // else it is not known what joints and sensors may ask of their devices
+      read_joints();
+      read_sensors();
+    } else {
+      top_.tables("joint");
+      top_.tables("sensor", Need::optional);
+    }
     top_.finish();
   }
 
@@ -60,9 +65,9 @@ class File {
       BusConfig& bus = robot_.buses.emplace_back();
       Reader in(*table, where("bus", *table), report_);
       in.identifier("name", bus.name);
-      read_bus(in, bus, robot_.rate_hz);
+      kinds_known_ &= read_bus(in, bus, robot_.rate_hz);
       refuse_twin(in, "bus", robot_.buses);
-      check_bus(in, robot_);
+      if (kinds_known_) check_bus(in, robot_);
     }
   }
 
@@ -71,7 +76,7 @@ class File {
     DeviceConfig prototype;
     if (device_defaults_ != nullptr) {
       Reader in(*device_defaults_, "[defaults.device]", report_);
-      read_device(in, prototype, buses, Need::optional);
+      kinds_known_ &= read_device(in, prototype, buses, Need::optional);
       for (const DeviceFacts& kind : kDeviceFacts)
         read_table(in, kind.table, fmt::format("[defaults.device.{}]", kind.table.key), prototype);
       in.finish();
@@ -80,7 +85,8 @@ class File {
       DeviceConfig& device = robot_.devices.emplace_back(prototype);
       Reader in(*table, where("device", *table), report_, device_defaults_);
       in.identifier("name", device.name);
-      read_device(in, device, buses, Need::required);
+      kinds_known_ &= read_device(in, device, buses, Need::required);
+      if (!kinds_known_) continue;
       for (const DeviceFacts& kind : kDeviceFacts) {
         if (kind.table.read != nullptr && kind.kind != device.kind) in.refuse(kind.table.key, kind.table.refusal);
         read_table(in, kind.table, fmt::format("{}.{}", where("device", *table), kind.table.key), device);
@@ -222,6 +228,7 @@ class File {
   Reader top_;
   const toml::table* device_defaults_ = nullptr;
   const toml::table* joint_defaults_ = nullptr;
+  bool kinds_known_ = true;  // of all buses and devices
 };
 
 // Notes about valid settings with a disadvantage; never an error.

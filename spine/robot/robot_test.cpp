@@ -171,6 +171,16 @@ TEST(Robot, AnUnknownWordListsTheKnownOnes) {
   expect_refused(kSmallest + "[spine]\nrelease = \"busy\"\n", "20:11", {"\"spin\", \"hybrid\", \"sleep\""});
 }
 
+TEST(Robot, AnUnknownKindIsTheOnlyMistakeThatIsTold) {
+  const std::string sensor = "[[sensor]]\nname = \"s0\"\nkind = \"digital\"\ndevice = \"d0\"\n";
+  for (const char* known : {"\"moteus\"", "\"loop\""}) {
+    const Result<RobotConfig> robot = parse_robot(replaced(known, "\"thermo\"") + sensor, "r.toml");
+    ASSERT_FALSE(robot);
+    EXPECT_NE(robot.message().find("kind: \"thermo\" is not known"), std::string::npos) << robot.message();
+    EXPECT_EQ(robot.message().find('\n'), std::string::npos) << robot.message();
+  }
+}
+
 TEST(Robot, DuplicatesAreRefused) {
   const std::string device = "[[device]]\nname = \"d0\"\nkind = \"moteus\"\nbus = \"can0\"\nid = 1\n";
   expect_refused(kSmallest + device, "20:8", {"already a [[device]] named \"d0\""});

@@ -70,8 +70,8 @@ void read_swap(Reader& in, SwapConfig& swap) {
   in.finish();
 }
 
-void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
-  in.choice<BusKind>("kind", bus.kind, words_of(kBusFacts), Need::required);
+bool read_bus(Reader& in, BusConfig& bus, double rate_hz) {
+  if (!in.choice<BusKind>("kind", bus.kind, words_of(kBusFacts), Need::required)) return false;
   const BusFacts& kind = facts(bus.kind);
   bus.data_bitrate = kind.data_bitrate;
   in.integer("bitrate", bus.bitrate, {kLeastBitrate, kMostBitrate});
@@ -94,10 +94,11 @@ void read_bus(Reader& in, BusConfig& bus, double rate_hz) {
   if (!is_serial(bus)) bus.reply_wait_s = std::min(bus.reply_wait_s, kShareOfTick / rate_hz);
   if (kind.real) in.number("reply_wait_s", bus.reply_wait_s, {0.0, 0.1});
   in.finish();
+  return true;
 }
 
-void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need) {
-  in.choice<DeviceKind>("kind", device.kind, words_of(kDeviceFacts), need);
+bool read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need) {
+  if (!in.choice<DeviceKind>("kind", device.kind, words_of(kDeviceFacts), need)) return false;
   in.reference("bus", device.bus, "bus", buses, need);
   in.number("watchdog_s", device.watchdog_s, {0.005, 10.0});
   const std::uint32_t inherited = device.rate_divider;
@@ -109,6 +110,7 @@ void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string
     device.rate_divider = 1;
   }
   if (kind.read != nullptr) kind.read(in, device.keys, device.watchdog_s, need);
+  return true;
 }
 
 void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string_view>& devices) {

@@ -14,11 +14,14 @@ void read_spine(Reader& in, SpineConfig& spine);
 void read_guard(Reader& in, GuardConfig& guard);
 void read_brain(Reader& in, BrainConfig& brain);
 void read_swap(Reader& in, SwapConfig& swap);
-void read_bus(Reader& in, BusConfig& bus, double rate_hz);
 void read_sensor(Reader& in, SensorConfig& sensor, const std::vector<std::string_view>& devices);
 
-// The keys that [defaults] may contain; there `need` is optional. Name, id and device cannot have a default.
-void read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need);
+// False: its kind is none that is known; no other key was read, because what they mean depends on it.
+bool read_bus(Reader& in, BusConfig& bus, double rate_hz);
+
+// The keys that [defaults] may contain; there `need` is optional. Name, id and device cannot have a default. A device's
+// kind is not known: as for a bus.
+bool read_device(Reader& in, DeviceConfig& device, const std::vector<std::string_view>& buses, Need need);
 void read_joint(Reader& in, JointConfig& joint, Need need);
 
 // [plant] and each joint's `sim` (plants.cpp). The allowed keys depend on the plant's kind.

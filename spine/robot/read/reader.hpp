@@ -41,13 +41,16 @@ class Reader {
   void identifier(std::string_view key, std::string& out, Need need = Need::required);  // a-z A-Z 0-9 - _, at most 31
   void core(std::string_view key, int& out);                                            // a core number or "auto"
 
+  // False: what stands there is none of the choices.
   template <class T>
-  void choice(std::string_view key, T& out, const std::vector<std::pair<std::string_view, T>>& choices,
+  bool choice(std::string_view key, T& out, const std::vector<std::pair<std::string_view, T>>& choices,
               Need need = Need::optional) {
     std::vector<std::string_view> words;
     for (const auto& [word, value] : choices) words.push_back(word);
+    const std::size_t mistakes = report_.count();
     const std::size_t index = read_choice(key, words, need);
     if (index < choices.size()) out = choices[index].second;
+    return report_.count() == mistakes || table_.get(key) == nullptr;
   }
 
   // A reference by name. `kind` names what it refers to: `device`, `bus`.

@@ -2,6 +2,7 @@
 // Collects the errors of one file, to report all of them at once in the file's order.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -29,6 +30,7 @@ class Report {
 
   void add(Place place, const std::string& what);
   bool empty() const { return mistakes_.empty(); }
+  std::size_t count() const { return mistakes_.size(); }
   Error error() const;  // every mistake, one a line
 
  private:
