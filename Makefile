@@ -21,7 +21,7 @@ test: PACKAGES := build test
 test: BESIDE := -m 'not alone and not long'
 test: SAID := build/said
 test: TARGETS := $(if $(ROOM),--target $(ROOM)_tests)
-test: ROOMS := cmake --build --preset release --target help | grep -oE "[a-z0-9_]+_tests" | sed s/_tests// | grep -vx tick | sort -u
+test: ROOMS := cmake --build --preset release --target help | sed -nE "s/^([a-z0-9_]+)_tests: .*/\1/p" | grep -vx tick | sort -u
 test: KNOWN = $(if $(ROOM),{ $(ROOMS) | grep -qx $(ROOM) || { echo "make test: there is no room $(ROOM). Rooms:" $$($(ROOMS)) >&2; exit 1; }; } &&)
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
 	@rm -rf $(SAID) && mkdir -p $(SAID)
@@ -50,7 +50,7 @@ check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan,
 	@tools/setup build test check bench
 	@$(PYTHON) tools/check.py
 
-check-all:  ## check, and what takes too long for every merge: all tests under ASan and for ARM, emulated boards, a minute of each fuzzer, long tests
+check-all:  ## check, and what takes too long for every merge: all tests under ASan and for ARM, emulated boards, a minute of each fuzzer, mutants, long tests
 	@tools/setup build test check bench vcan arm64 boards
 	@$(PYTHON) tools/check.py --all
 

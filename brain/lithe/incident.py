@@ -68,14 +68,23 @@ def figure(path: str | Path, most_joints: int = 32) -> Figure:
 
 
 def plot(path: str | Path, out: str | Path | None = None) -> Path:
-    """Draws position, setpoint and torque of each joint around the moment; returns the picture's path."""
+    """Draws position, setpoint and torque of each joint around the moment; returns the picture's path.
+
+    LitheError: there is no such incident, or the picture cannot be written.
+    """
     picture = Path(out) if out else Path(path).with_suffix(".png")
-    figure(path).savefig(picture)
+    if picture.suffix.lower() not in (".png", ".svg"):
+        raise LitheError(f"{picture}: a picture is a .png or a .svg\n  next: give such a name")
+    drawn = figure(path)
+    try:
+        drawn.savefig(picture)
+    except OSError as error:
+        raise LitheError(f"{picture} cannot be written: {error.strerror}\n  next: give another place") from None
     return picture
 
 
 def main(words: list[str]) -> int:
-    """Exit code 0; 1 when there is no such incident."""
+    """Exit code 0; 1 when there is no such incident, or no such picture can be made."""
     parser = argparse.ArgumentParser(prog="python -m lithe.incident", description="Draws an incident.")
     parser.add_argument("incident", type=Path, help="its .npy or .json; lithe incident show names it")
     parser.add_argument("--out", type=Path, help="the picture, .png or .svg (default: beside the incident)")

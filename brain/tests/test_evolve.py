@@ -211,7 +211,7 @@ def test_laws_are_searched_on_the_robot_as_it_was_recorded(tmp_path: Path, capsy
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ([ROOT / "README.md", PD], "cannot read"),
+        ([ROOT / "README.md", PD], "is no robot file"),
         ([CHAIN, ROOT / "laws/missing.cpp"], "No such file"),
         ([CHAIN, PD, "--resume"], "nothing to resume"),
     ],

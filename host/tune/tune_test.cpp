@@ -226,6 +226,8 @@ TEST(TuneFullDisk, ApplySaysSoAndWhatItMadeIsUndoneToTheByte) {
     ::waitpid(child, &status, 0);
     ASSERT_TRUE(WIFEXITED(status));
     fits = WEXITSTATUS(status) == 0;
+    if (fits) ASSERT_TRUE(tune_plan(target).changes.empty()) << "it was said to be complete";
+    ASSERT_LT(full, 2000);
     const auto undone = tune_revert(target, false);
     ASSERT_TRUE(undone && undone->well()) << most << " bytes";
     ASSERT_EQ(content_of(root), before) << most << " bytes";

@@ -132,6 +132,20 @@ class Tremor {
     joint.most_swing_rad_s = std::max(joint.most_swing_rad_s, swing.size);
   }
 
+  // Instead of see(), for a joint that the law does not drive now: what it did is forgotten in the same time.
+  void skip(std::uint32_t j) LITHE_RT {
+    Joint& joint = joints_[j];
+    joint.chatter_hz *= forget_chatter_;
+    joint.most_swing_rad_s *= forget_;
+    joint.most_asked_rad_s *= forget_;
+    joint.swings = 0;
+  }
+
+  // The same law runs again: what it did does not count any more, and what was before it stays the measure.
+  void again() LITHE_RT {
+    for (Joint& joint : joints_) joint.chatter_hz = joint.swings = 0;
+  }
+
   // The first of `joints` joints that shakes now.
   Finding find(std::uint32_t joints) const LITHE_RT {
     for (std::uint32_t j = 0; j < joints && j < kMaxJoints; ++j) {

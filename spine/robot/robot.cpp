@@ -76,7 +76,11 @@ class File {
     DeviceConfig prototype;
     if (device_defaults_ != nullptr) {
       Reader in(*device_defaults_, "[defaults.device]", report_);
-      kinds_known_ &= read_device(in, prototype, buses, Need::optional);
+      if (!read_device(in, prototype, buses, Need::optional)) {
+        kinds_known_ = false;
+        top_.tables("device");
+        return;
+      }
       for (const DeviceFacts& kind : kDeviceFacts)
         read_table(in, kind.table, fmt::format("[defaults.device.{}]", kind.table.key), prototype);
       in.finish();

@@ -173,8 +173,10 @@ TEST(Robot, AnUnknownWordListsTheKnownOnes) {
 
 TEST(Robot, AnUnknownKindIsTheOnlyMistakeThatIsTold) {
   const std::string sensor = "[[sensor]]\nname = \"s0\"\nkind = \"digital\"\ndevice = \"d0\"\n";
-  for (const char* known : {"\"moteus\"", "\"loop\""}) {
-    const Result<RobotConfig> robot = parse_robot(replaced(known, "\"thermo\"") + sensor, "r.toml");
+  const std::string defaults = "[defaults.device]\nkind = \"thermo\"\nbus = \"can0\"\nwatchdog_s = 0.1\n";
+  const std::string without = replaced("kind = \"moteus\"\n", "") + defaults;
+  for (const std::string& text : {replaced("\"moteus\"", "\"thermo\""), replaced("\"loop\"", "\"thermo\""), without}) {
+    const Result<RobotConfig> robot = parse_robot(text + sensor, "r.toml");
     ASSERT_FALSE(robot);
     EXPECT_NE(robot.message().find("kind: \"thermo\" is not known"), std::string::npos) << robot.message();
     EXPECT_EQ(robot.message().find('\n'), std::string::npos) << robot.message();

@@ -149,9 +149,11 @@ Laws::Back Laws::step_back() LITHE_RT {
   }
   probation_.end();
   law::FieldBits mended = 0;
-  const bool is_back = slot_.rollback(law::Carry::none, 1, &mended);
-  if (slot_.active()->unproven) probation_.start(slot_.active()->terms);  // also of the one that runs after a reset
-  if (!is_back) return Back::nowhere;
+  if (!slot_.rollback(law::Carry::none, 1, &mended)) {
+    if (slot_.active()->unproven) probation_.again();
+    return Back::nowhere;
+  }
+  if (slot_.active()->unproven) probation_.start(slot_.active()->terms);
   report_.flags |= flag::kRolledBack;
   begin_law(0);
   report_.params_changed = true;

@@ -64,6 +64,14 @@ void Probation::end_params() LITHE_RT {
   compare_from_here();
 }
 
+void Probation::again() LITHE_RT {
+  params_ = {};
+  law_.start(terms_.probation_ticks);
+  long_steps_ = 0;
+  clamped_share_.fill(0.0);
+  tremor_.again();
+}
+
 void Probation::compare_from_here() LITHE_RT {
   long_steps_ = 0;
   const bool found_it_so = last_ns_ < catching_up_ns_;
@@ -128,13 +136,12 @@ void Probation::remember(const Observed& tick) LITHE_RT {
   last_ns_ = tick.in.t_ns;
   const bool counts = !catching_up(tick.in);
   for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
-    if (tick.stopped[j]) continue;
     const double off_rad = error_rad(tick.in, j);
     if (counts) most_error_rad_[j] = std::max(off_rad, most_error_rad_[j] * forget_error_);
     if (!counts) found_rad_[j] = std::max(found_rad_[j], off_rad);
     const double clamped = tick.clamped[j] != 0 ? 1.0 : 0.0;
     clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
-    tremor_.see(tick.in, j, tick.torque_nm[j]);
+    tick.stopped[j] ? tremor_.skip(j) : tremor_.see(tick.in, j, tick.torque_nm[j]);
   }
   const bool too_long = terms_.budget_ns > 0 && tick.law_ns > terms_.budget_ns;
   long_steps_ = too_long ? long_steps_ + 1 : 0;

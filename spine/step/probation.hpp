@@ -51,6 +51,8 @@ class Probation {
   // in the robot file. While the law itself is on probation, that begins again: it and the values are judged together.
   void start_params(std::uint64_t request_id) LITHE_RT;
   std::uint64_t params_request_id() const LITHE_RT { return params_request_id_; }
+  // The law was to be replaced, and no other is there: after a reset it runs again, and is judged by the same measure.
+  void again() LITHE_RT;
   // Another law runs.
   void end() LITHE_RT { law_ = params_ = {}; }
   // The previous parameters are in force again. The probation of a law starts again.
@@ -67,7 +69,7 @@ class Probation {
     const JointArray& torque_nm;  // what the law wants at each joint
     std::int64_t law_ns;
     std::array<std::uint32_t, kMaxJoints> clamped;  // per joint: kClamped bits of what the guard did to the law
-    std::array<bool, kMaxJoints> stopped;           // joints that the law does not drive: not judged
+    std::array<bool, kMaxJoints> stopped;           // joints that the law does not drive: their setpoint follows them
   };
   // What the guard clamps, of wire::telemetry_flag.
   static constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped |

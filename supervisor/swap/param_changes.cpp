@@ -146,8 +146,13 @@ void ParamChanges::tried(std::uint64_t number, const Answer& answer) {
   if (const auto* found = std::get_if<Refusal>(&answer)) {
     Refusal refusal = *found;
     refusal.message = fmt::format("{}: {}", in_words(change->values, change->law.values), found->message);
-    if (refusal.code == "trial_failed")
-      refusal.next = "nothing was changed; choose values nearer to those that hold, or change the law";
+    if (refusal.code == "trial_failed") {
+      const Json report = refusal.detail.is_object() ? refusal.detail.value("trial", Json::object()) : Json::object();
+      const Json hints = report.value("hints", Json::array());
+      refusal.next =
+          "nothing was changed; " +
+          (hints.empty() ? "choose values nearer to those that hold, or change the law" : hints[0].get<std::string>());
+    }
     return refuse(*change, refusal);
   }
   change->trial = std::get<Json>(answer);

@@ -17,10 +17,10 @@ SCRIPT = Path(__file__).with_name("on_board.sh")
 PROGRAM = Path(__file__).with_name("on_board.py")
 STEPS_R = ("kernel", "doctor", "robot", "swaps", "brain", "stop")
 # Two boots, each within ON_BOARD_S: the tests take as long as everything else.
-UNPREPARED = ("C-v", "D-v")  # tiers of a virtual machine on which nothing was set
 STEPS_TESTS = (*STEPS_R[:2], "tests", "stress")
 STEPS_ROBOT = (*STEPS_R[2:5], "refused", "contained", "stop", "demo")
 STEPS_A = (*STEPS_TESTS, *STEPS_ROBOT)
+UNPREPARED = ("C-v", "D-v")  # tiers of a virtual machine on which nothing was set
 # The rooms whose tests ask for what qemu-user does not have (docs/arm64.md), or for the order of memory; and how many
 # tests must pass at least.
 TESTS = {"arena_tests": 13, "contain_tests": 70, "ipc_tests": 55, "law_tests": 32, "load_tests": 33, "trial_tests": 45}

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import sys
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -117,8 +118,10 @@ def joints_of(robot: Path) -> int:
     """How many the robot file has. LitheError where it is none."""
     try:
         return len(tomllib.loads(read_regular(robot))["joint"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise LitheError(f"cannot read {robot}: {error}\n  next: `lithe bus plan {robot}` names its mistakes") from None
+    except OSError as error:
+        raise LitheError(f"cannot read {robot}: {error.strerror}\n  next: give a robot file, as in robots/") from None
+    except (ValueError, KeyError, TypeError):
+        raise LitheError(f"{robot} is no robot file\n  next: `lithe bus plan {robot}` names its mistakes") from None
 
 
 def as_recorded(robot: Path, data: list[Path], out: Path) -> Path:
@@ -189,7 +192,8 @@ def run(asked: argparse.Namespace) -> int:
         print("every candidate was refused")
         return 1
     params = " ".join(f"--param {name}={value:.6g}" for name, value in winner.params.items())
-    print(f"winner: {winner.score.value:.5f} rad: lithe swap {winner.law} {params}".rstrip())
+    file = next(path for path in asked.laws if path.name == winner.law)
+    print(f"winner: {winner.score.value:.5f} rad: lithe swap {shlex.quote(str(file))} {params}".rstrip())
     return 0 if not asked.live or swap_in(winner, dict(sources)[winner.law]) else 1
 
 

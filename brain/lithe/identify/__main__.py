@@ -28,16 +28,23 @@ from .joint import Arm, Motion, identify_joint
 from .model import describe_model
 from .plant import Plant, Values, chain_values, joint_values, plant_of, with_values, write_new
 
+NPY = b"\x93NUMPY"  # how each such file begins
+
 
 def motion_of(records: npt.NDArray[Any], joints: int) -> list[Motion]:
-    """Telemetry as one Motion per joint. LitheError where it has other fields or fewer joints."""
+    """Telemetry as one Motion per joint. LitheError where it has other fields or another number of joints."""
     try:
+        if records.dtype.names is None:
+            raise ValueError("it has numbers without names")
+        if len(records) == 0:
+            raise ValueError("it is empty")
         t_s = 1e-9 * (records["sample_ns"] - records["sample_ns"][0]).astype(np.float64)
         columns = [
             np.asarray(records[name], dtype=np.float64) for name in ("position_rad", "velocity_rad_s", "torque_nm")
         ]
-        if any(column.shape[1] < joints for column in columns):
-            raise ValueError(f"it has {columns[0].shape[1]} joints, the robot {joints}")
+        recorded = int(records["joint_count"][0]) if "joint_count" in records.dtype.names else joints
+        if recorded != joints or any(column.shape[1] < joints for column in columns):
+            raise ValueError(f"it has {min(recorded, columns[0].shape[1])} joints, the robot {joints}")
     except (ValueError, IndexError, TypeError) as error:
         raise LitheError(
             f"this is no telemetry of the robot: {error}\n  next: give .npy files of the flight recorder"
@@ -74,9 +81,13 @@ def motions_of(paths: list[Path], joints: int) -> list[list[Motion]]:
     motions = []
     for path in paths:
         try:
+            with path.open("rb") as file:
+                if file.read(len(NPY)) != NPY:
+                    raise ValueError("it is no .npy file")
             motions.append(motion_of(np.load(path, allow_pickle=False), joints))
         except (OSError, ValueError) as error:
-            raise LitheError(f"cannot read {path}: {error}\n  next: give .npy files of the flight recorder") from None
+            why = error.strerror if isinstance(error, OSError) else error
+            raise LitheError(f"cannot read {path}: {why}\n  next: give .npy files of the flight recorder") from None
         except LitheError as error:
             raise LitheError(f"{path}: {error}") from None
     return motions

@@ -52,6 +52,8 @@ class Stolen {
     cpu_ns_ = cpu_ns;
     switches_ = switches;
   }
+  // The core was lost within a question: the next one sets the start again.
+  void forget() { switches_ = -1; }
   std::int64_t sum_ns() const { return sum_ns_; }
 
  private:
@@ -91,7 +93,10 @@ Scan scan(double seconds) {
       if (gap_ns > kAskNs) stolen.ask(now_ns);
       last_ns = clock.now_ns();
       // At the end of a system call the core often goes to the other task: what is longer than the call was a gap, too.
-      if (last_ns - now_ns > kAskNs) note(now_ns, last_ns - now_ns);
+      if (last_ns - now_ns > kAskNs) {
+        note(now_ns, last_ns - now_ns);
+        stolen.forget();
+      }
     } else {
       last_ns = now_ns;
     }

@@ -113,17 +113,24 @@ TEST_F(LawsTest, AnUnprovenLawThatStoppedTheRobotIsOnProbationAfterTheReset) {
   ticks(3);
   ASSERT_EQ(slot_.active()->law_id, 2u);
   ASSERT_NE(record_.flags & flag::kOnProbation, 0u);
-  PushesLater::now = true;
-  for (int i = 0; i < 1000 && mode() == Mode::active; ++i) tick();
-  PushesLater::now = false;
-  ASSERT_EQ(mode(), Mode::safe_stop);
-  ASSERT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::law_faulted);
-  ASSERT_EQ(send(CommandKind::reset), CommandResult::done);
-  ticks(10);
-  ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
-  ticks(20);
-  ASSERT_EQ(slot_.active()->law_id, 2u);
-  EXPECT_NE(record_.flags & flag::kOnProbation, 0u);
+  for (int time = 0; time < 3; ++time) {
+    PushesLater::now = true;
+    double error_rad = 0;
+    for (int i = 0; i < 1000 && mode() == Mode::active; ++i) {
+      tick();
+      error_rad = std::max(error_rad, std::abs(record_.setpoint_position_rad[0] - record_.position_rad[0]));
+    }
+    PushesLater::now = false;
+    ASSERT_EQ(mode(), Mode::safe_stop) << time;
+    ASSERT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::law_faulted) << time;
+    EXPECT_LT(error_rad, 4 * step::Probation::kLeastErrorRad) << "no more than the first time";
+    ASSERT_EQ(send(CommandKind::reset), CommandResult::done);
+    ticks(500);
+    ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
+    ticks(400);
+    ASSERT_EQ(slot_.active()->law_id, 2u);
+    EXPECT_NE(record_.flags & flag::kOnProbation, 0u);
+  }
 }
 
 TEST_F(LawsTest, ValuesOnProbationLeaveWithTheirLaw) {

@@ -166,7 +166,14 @@ std::string to_text(const Scan& scan, const Choice& choice) {
       if (!words.empty()) text += "  " + words + "\n";
     if (each.devices.empty() && each.error.empty() && each.note.empty()) text += "  nothing answers\n";
   }
-  if (scan.matches) return text + (choice.from_file ? "all is as " + choice.robot.path + " says\n" : "");
+  if (scan.matches && choice.from_file) {
+    const auto is_real = [&](std::size_t index) { return robot::is_real(choice.robot.buses[index]); };
+    if (std::ranges::none_of(choice.buses, is_real))
+      return text + "nothing was asked: there is no real bus among these\n";
+    const bool all = std::ranges::all_of(choice.buses, is_real);
+    return text + (all ? "all is as " : "all that was asked is as ") + choice.robot.path + " says\n";
+  }
+  if (scan.matches) return text;
   text += choice.from_file ? "NOT as " + choice.robot.path + " says\n" : "";
   return text + (next.empty() ? "" : "next:\n" + next);
 }

@@ -36,11 +36,12 @@ int exit_code(const Refusal& refusal) {
 
 namespace {
 
-// The robot to use: one with a supervisor if there is one, else one whose Spine ticks without.
+// The robot to use: one with a supervisor if there is one, else one whose Spine ticks without, or that is starting.
 std::variant<std::string, Refusal> find_robot() {
   std::vector<std::string> running = control::running_robots();
-  for (const std::string& robot : running.empty() ? control::robots_with_memory() : std::set<std::string>{})
-    if (control::spine_now(robot)) running.push_back(robot);
+  for (const std::string& robot : running.empty() ? control::known_robots() : std::set<std::string>{})
+    if (control::spine_now(robot) || control::look_for(robot).supervisor != control::Presence::Supervisor::none)
+      running.push_back(robot);
   if (running.empty()) {
     return Refusal{"no_robot", fmt::format("no robot is running here (looked in {})", run_dir()),
                    "start one: lithe run robots/arm.toml"};

@@ -142,7 +142,7 @@ int swap_law(const Context& context, const std::string& law, const std::vector<s
   const Source file = read_law(law);
   Json args = {{"name", file.name},
                {"source", file.text},
-               {"params", param_values(params, "lithe swap LAW.cpp --param kp=2.5")}};
+               {"params", param_values(params, "lithe swap LAW.cpp --param kp_nm_rad=2.5")}};
   for (const auto& [name, value] : terms) args[name] = value;
   if (no_promote) args["promote"] = false;
   return finish(context, ask(context, "swap", args, kCompileMs), print_swap);
@@ -231,7 +231,7 @@ int param_get(const Context& context, const std::string& name) {
 int param_set(const Context& context, const std::vector<std::string>& words) {
   const bool one = words.size() == 2 && words[0].find('=') == std::string::npos;  // NAME VALUE
   const Json args = {
-      {"values", param_values(one ? std::vector{words[0] + "=" + words[1]} : words, "lithe param set kp 2.5")}};
+      {"values", param_values(one ? std::vector{words[0] + "=" + words[1]} : words, "lithe param set kp_nm_rad 2.5")}};
   return finish(context, ask(context, "set_params", args, kCompileMs), print_params);  // behind swaps
 }
 

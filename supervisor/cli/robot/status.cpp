@@ -129,13 +129,6 @@ int recover(const Context& context) {
 
 namespace {
 
-std::set<std::string> known_robots() {
-  std::set<std::string> names = control::robots_with_memory();
-  for (const std::filesystem::path& path : files_in(run_dir()))
-    if (path.extension() == ".sock" || path.extension() == ".pid") names.insert(path.stem());
-  return names;
-}
-
 std::string with_pid(const Json& pid, const std::string& what) {
   return pid.is_number() && pid > 0 ? fmt::format("pid {} {}", pid.get<int>(), what) : what;
 }
@@ -160,7 +153,7 @@ void print_list(const Json& list) {
 
 int list(const Context& context) {
   Json robots = Json::array();
-  for (const std::string& name : known_robots()) {
+  for (const std::string& name : control::known_robots()) {
     if (!context.robot.empty() && name != context.robot) continue;
     const control::Presence there = control::look_for(name);
     if (there.is_there()) robots.push_back(control::presence_json(there));

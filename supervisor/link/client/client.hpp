@@ -90,5 +90,7 @@ Json presence_json(const Presence& presence);
 
 // Robots that have a control segment, alive or not.
 std::set<std::string> robots_with_memory();
+// These, and robots that have a socket or a pid file in run_dir(): a robot that starts has no memory yet.
+std::set<std::string> known_robots();
 
 }  // namespace lithe::control

@@ -195,4 +195,11 @@ std::set<std::string> robots_with_memory() {
   return robots;
 }
 
+std::set<std::string> known_robots() {
+  std::set<std::string> names = robots_with_memory();
+  for (const std::filesystem::path& path : files_in(run_dir()))
+    if (path.extension() == ".sock" || path.extension() == ".pid") names.insert(path.stem());
+  return names;
+}
+
 }  // namespace lithe::control

@@ -14,6 +14,7 @@ import pytest
 from lithe.demo.recorder import Recorder
 from lithe.gateway.references import References
 from lithe.identify import describe, design_multisine
+from lithe.shm import dtype
 from system.robot_rig import ROOT
 from system.simulated import running
 
@@ -61,10 +62,18 @@ def test_a_designed_motion_tells_the_chain(
 
 def test_what_is_no_telemetry_is_named(tmp_path: Path) -> None:
     np.save(tmp_path / "other.npy", np.zeros(3))
+    (tmp_path / "text.npy").write_text("what a person wrote")
+    telemetry = np.zeros(4, dtype=dtype("Telemetry"))
+    telemetry["joint_count"] = 3
+    np.save(tmp_path / "chain.npy", telemetry)
+    np.save(tmp_path / "empty.npy", telemetry[:0])
     for words, code, says in (
         ([ROOT / "robots/chain.toml", tmp_path / "other.npy"], 2, "no telemetry of the robot"),
         ([ROOT / "robots/chain.toml", tmp_path / "missing.npy"], 2, "No such file"),
         ([ROOT / "robots/arm.toml", tmp_path / "other.npy"], 2, "no telemetry of the robot"),
+        ([ROOT / "robots/arm.toml", tmp_path / "text.npy"], 2, "it is no .npy file"),
+        ([ROOT / "robots/arm.toml", tmp_path / "chain.npy"], 2, "it has 3 joints, the robot 1"),
+        ([ROOT / "robots/chain.toml", tmp_path / "empty.npy"], 2, "it is empty"),
         ([tmp_path / "other.npy", tmp_path / "other.npy"], 2, "give a robot file"),
         ([ROOT / "robots/chain.toml", tmp_path / "missing.npy", "--write", tmp_path / "new.toml"], 2, "No such file"),
         (

@@ -297,6 +297,15 @@ def test_a_full_disk_loses_the_record_and_nothing_else(rig: RobotRig) -> None:
     assert "cannot create" in rig.log()
 
 
+def test_a_robot_that_starts_is_not_said_to_be_absent(rig: RobotRig) -> None:
+    process = rig.run(wait=False)
+    rig.wait_for(lambda: any(rig.socket.parent.glob("*.pid")))
+    process.send_signal(signal.SIGSTOP)  # held where it is
+    said = json.loads(rig.lithe("--json", "status").stdout)
+    process.send_signal(signal.SIGCONT)
+    assert said["error"]["code"] in ("starting", "no_answer"), said
+
+
 def test_usage_errors_exit_2(rig: RobotRig) -> None:
     """Unknown words, missing words, a wrong robot file, no robot at all."""
     for words in ((), ("dance",), ("swap",), ("law",), ("param", "set"), ("status", "--no-such")):

@@ -122,3 +122,5 @@ def test_what_is_no_incident_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LitheError, match="cannot read"):
         incident.load(tmp_path / "0001.json")
     assert incident.main([str(tmp_path / "0002.npy")]) == 1
+    with pytest.raises(LitheError, match="a picture is a .png or a .svg"):
+        incident.plot(tmp_path / "0002.npy", tmp_path / "picture.foo")
