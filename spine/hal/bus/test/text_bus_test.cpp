@@ -120,16 +120,17 @@ TEST_F(TextBusTest, WhoTalksForEverWithoutSayingAFrameDoesNotKeepTheExchange) {
 // was overtaken is not.
 TEST_F(TextBusTest, CommandsThatCouldNotLeaveAreOvertakenByTheNextOnesButNoLineIsBroken) {
   std::uint32_t number = 0;
+  std::uint64_t asked = 0;
   while (bus->statistics().refused == 0 && number < 10'000) {
     bus->begin(0);
-    for (int i = 0; i < 40; ++i) EXPECT_TRUE(bus->send(command(number % 0x800, 8)));
+    for (int i = 0; i < 40; ++i, ++asked) EXPECT_TRUE(bus->send(command(number % 0x800, 8)));
     bus->flush();
     ++number;
   }
   ASSERT_GT(bus->statistics().refused, 0U) << "the terminal never became full";
-  for (int i = 0; i < 50; ++i, ++number) {
+  for (int i = 0; i < 50; ++i, ++number, ++asked) {
     bus->begin(0);
-    bus->send(command(number % 0x800, 8));
+    EXPECT_TRUE(bus->send(command(number % 0x800, 8)));
     bus->flush();
   }
   std::string heard;
@@ -146,7 +147,8 @@ TEST_F(TextBusTest, CommandsThatCouldNotLeaveAreOvertakenByTheNextOnesButNoLineI
     return newest == (number - 1) % 0x800;
   }));
   EXPECT_EQ(lines, bus->statistics().sent) << "what was overtaken was not sent";
-  EXPECT_GE(bus->statistics().refused, 49U) << "overtaken while nothing could leave";
+  // How many those are depends on when the kernel moves what is in the terminal.
+  EXPECT_EQ(bus->statistics().sent + bus->statistics().refused, asked);
 }
 
 TEST_F(TextBusTest, MoreCommandsThanThereIsRoomForAreRefusedAndCounted) {
