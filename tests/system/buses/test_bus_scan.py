@@ -116,6 +116,10 @@ def test_beside_a_spine_nothing_is_asked(rig: RobotRig, tmp_path: Path) -> None:
 
 def test_simulated_buses_have_nothing_to_find_and_wrong_words_exit_with_2(tmp_path: Path) -> None:
     answer = scan(0, ROBOTS / "arm.toml")
+    told = subprocess.run(
+        [BIN / "lithe", "bus", "scan", ROBOTS / "arm.toml"], capture_output=True, text=True, check=False
+    )
+    assert "nothing was asked" in told.stdout and "all" not in told.stdout.splitlines()[-1]
     assert "simulated" in answer["buses"][0]["note"] and answer["buses"][0]["devices"] == []
     assert scan(2, tmp_path / "absent.toml")["error"]["code"] == "bad_config"
     assert "it has can0" in scan(2, ROBOTS / "arm.toml", "--bus", "can7")["error"]["message"]
