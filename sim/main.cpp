@@ -35,9 +35,11 @@ void say(const std::string& line) {
   std::fflush(stdout);
 }
 
-int refuse(const std::string& why) {
+constexpr int kRefused = 1, kUsage = 2;  // exit codes, as of `lithe`
+
+int refuse(const std::string& why, int code = kRefused) {
   std::fprintf(stderr, "lithe sim: %s\n", why.c_str());
-  return 1;
+  return code;
 }
 
 Result<> handle_order(const std::string& line, simulator::World& world, std::int64_t now_ns) {
@@ -118,7 +120,7 @@ void keep_off_the_spines_cores(const robot::SpineConfig& wanted) {
 // The random values drawn from each joint's seed, and whether its drive follows targets, as one line of JSON.
 int tell_truth(const std::string& path) {
   const Result<robot::RobotConfig> config = robot::load_robot(path);
-  if (!config) return refuse(config.message());
+  if (!config) return refuse(config.message(), kUsage);
   Json joints = Json::array();
   for (const robot::JointConfig& joint : config->joints) {
     const hal::sim::Truth truth = hal::sim::draw_truth(*config, joint);
@@ -144,13 +146,13 @@ int run(const std::string& path, const simulator::Options& options, const std::v
   const hal::Descriptor signals(::signalfd(-1, &ends, SFD_CLOEXEC));
   ::prctl(PR_SET_TIMERSLACK, 50'000UL, 0UL, 0UL, 0UL);
   const Result<robot::RobotConfig> config = robot::load_robot(path);
-  if (!config) return refuse(config.message());
+  if (!config) return refuse(config.message(), kUsage);
   keep_off_the_spines_cores(config->spine);
   auto world = simulator::World::open(*config, options, say);
   if (!world) return refuse(world.message());
   for (const std::string& fault : faults) {
     const Result<> did = handle_order(fault, **world, monotonic_ns());
-    if (!did) return refuse("--fault " + fault + ": " + did.message());
+    if (!did) return refuse("--fault " + fault + ": " + did.message(), kUsage);
   }
   return serve(**world, signals.get());
 }
@@ -178,7 +180,6 @@ int main(int argc, char** argv) {
     app.footer(
         "Prints a line for each bus: name, kind, path. Faults also come as JSON lines on the standard input,\n"
         "each answered by a line: {\"fault\": \"drop\", \"share\": 0.1}; docs/reference/sim.md has them all.");
-    constexpr int kUsage = 2;
     try {
       app.parse(argc, argv);
     } catch (const CLI::ParseError& wrong) {

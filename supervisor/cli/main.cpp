@@ -27,7 +27,9 @@ int run(int argc, char** argv, CommandLine& words) {
   } catch (const CLI::ParseError& wrong) {
     if (wrong.get_exit_code() == 0) return app.exit(wrong);  // help, version
     words.context.json = asks_for_json(all);
-    return refuse(words.context, {"usage", wrong.what(), "see how it is written: lithe help" + verb_of(app, all)});
+    std::string why = wrong.what();
+    if (dynamic_cast<const CLI::ConversionError*>(&wrong) != nullptr) why += ": a number is wanted";
+    return refuse(words.context, {"usage", why, "see how it is written: lithe help" + verb_of(app, all)});
   }
   return words.code;
 }

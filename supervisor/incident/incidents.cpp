@@ -21,6 +21,7 @@ namespace lithe::control {
 namespace {
 
 namespace fs = std::filesystem;
+using wire::CommandResult;
 using wire::EventKind;
 
 constexpr std::size_t kMostSummaryBytes = 4'000'000;
@@ -41,6 +42,9 @@ bool is_notable(const wire::Event& event) {
                                     EventKind::held,         EventKind::reset,           EventKind::recovering,
                                     EventKind::recovered};
   const auto kind = static_cast<EventKind>(event.kind);
+  // At each start the Spine is asked to arm until its drives are ready.
+  if (kind == EventKind::command_refused && event.code == static_cast<std::uint32_t>(CommandResult::refused_not_ready))
+    return false;
   // A shadow that was refused; the others end as asked.
   return kind == EventKind::shadow_ended ? event.code == 0 : contains(kNotable, kind);
 }
@@ -128,7 +132,12 @@ void Incidents::serve(const SpineLink& spine, std::int64_t now_ns) {
   constexpr double kShare = 0.45;
   const double holds_s = kShare * wire::spine_segment::kTelemetryDepth / spine.info().rate_hz;
   open_->half_ns = std::min(kHalfNs, static_cast<std::int64_t>(1e9 * holds_s));
-  if (now_ns - open_->event.t_ns > open_->half_ns) finish(spine);
+  const std::int64_t end_ns = open_->event.t_ns + open_->half_ns;
+  ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader(spine.memory().telemetry);
+  wire::Telemetry newest;
+  // A Spine that the machine held back still writes the rest; one that has ended does not.
+  const bool complete = reader.latest(newest) && newest.release_ns >= end_ns;
+  if (now_ns > end_ns && (complete || now_ns > end_ns + kLateNs)) finish(spine);
 }
 
 void Incidents::finish(const SpineLink& spine) {

@@ -32,6 +32,7 @@ class Incidents {
   static constexpr std::size_t kMost = 30;
   static constexpr std::uintmax_t kMostBytes = 64'000'000;
   static constexpr std::int64_t kHalfNs = 1'000'000'000;  // before and after; less at rates whose ring holds less
+  static constexpr std::int64_t kLateNs = 1'000'000'000;  // at most so much longer is waited for ticks that come late
   // Between two incidents of the same kind; of faults: of the same law and joint.
   static constexpr std::int64_t kPauseNs = 10'000'000'000;
 

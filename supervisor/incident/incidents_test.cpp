@@ -88,6 +88,21 @@ TEST_F(IncidentsTest, KeepsASecondBeforeAndAfterWithTheEventsOfThatTime) {
   EXPECT_TRUE(fs::exists(folder_ / told["data"].get<std::string>()));
 }
 
+TEST_F(IncidentsTest, ASpineThatTheMachineHeldBackIsWaitedForOneThatEndedIsNot) {
+  run(1, 3400);
+  tell(EventKind::law_faulted, 2500, "", 0, 1);
+  incidents_.serve(*link_, at_ns(3600));
+  EXPECT_EQ(read_incidents(folder_).size(), 0U) << "100 ms of the second after it are not there yet";
+  run(3401, 3600);
+  incidents_.serve(*link_, at_ns(3601));
+  EXPECT_EQ(show()["ticks"], 2001) << "1500 to 3500";
+  tell(EventKind::law_faulted, 3500, "", 0, 2);
+  incidents_.serve(*link_, at_ns(5499));
+  EXPECT_EQ(read_incidents(folder_).size(), 1U);
+  incidents_.serve(*link_, at_ns(5501));
+  EXPECT_EQ(show()["ticks"], 1101) << "2500 to 3600, where it ended";
+}
+
 TEST_F(IncidentsTest, AStormOfOneKindIsKeptOnceAndCounted) {
   run(1, 4000);
   for (std::uint64_t tick = 1000; tick < 2000; tick += 100) {
@@ -104,6 +119,16 @@ TEST_F(IncidentsTest, AStormOfOneKindIsKeptOnceAndCounted) {
   tell(EventKind::brain_stale, 2100);
   incidents_.finish(*link_);
   EXPECT_EQ(incidents_.list()["incidents"].size(), 2U) << "no reason to keep anything";
+}
+
+TEST_F(IncidentsTest, WaitingForTheDrivesIsNoneOtherRefusalsAre) {
+  run(1, 3000);
+  tell(EventKind::command_refused, 10, "", static_cast<std::uint32_t>(wire::CommandResult::refused_not_ready));
+  incidents_.finish(*link_);
+  EXPECT_EQ(incidents_.list()["incidents"].size(), 0U);
+  tell(EventKind::command_refused, 20, "", static_cast<std::uint32_t>(wire::CommandResult::refused_outside));
+  incidents_.finish(*link_);
+  EXPECT_EQ(incidents_.list()["incidents"].size(), 1U);
 }
 
 TEST_F(IncidentsTest, AFaultDuringAnotherOnesSecondIsCounted) {

@@ -55,7 +55,7 @@ int run_robot(const RunOptions& options) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("lithe"));
   spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
   auto config = robot::load_robot(options.config_path);
-  if (!config) return refuse({"bad_config", config.message(), "correct the file"}, 2, options.json);
+  if (!config) return refuse({"bad_config", config.message(), "correct the file, or name another"}, 2, options.json);
   // First: what a killed robot's shield left narrows the cores that we may use. A robot that lives on keeps it until it
   // is raised anew, or stays without.
   if (!live_spine(config->name) || !options.shield) {
@@ -72,7 +72,7 @@ int run_robot(const RunOptions& options) {
   if (const auto plan = robot::plan_cpus(*config, cores); plan)
     for (std::string& cost : robot::costs_of(*plan, config->spine, cores)) config->notes.push_back(std::move(cost));
   else if (!live_spine(config->name))  // a Spine that ticks has its cores already
-    return refuse({"bad_config", plan.message(), "correct the file"}, 2, options.json);
+    return refuse({"bad_config", plan.message(), "correct the file, or name another"}, 2, options.json);
   for (const std::string& note : config->notes) spdlog::warn("{}", note);
   const bus::Verdict load = bus::judge_for_run(*config);
   if (load.refuse) return refuse({"bus_overload", load.text, load.next}, 1, options.json);

@@ -48,7 +48,7 @@ void Supervisor::compile_first_law() {
   if (first_law_.empty()) return;
   auto source = read_regular_file(first_law_, kMaxLawBytes);
   if (!source || source->empty()) {
-    throw Halt{1, fmt::format("cannot read the law {}; give another with --law FILE",
+    throw Halt{2, fmt::format("cannot read the law {}; give another with --law FILE",
                               source ? first_law_ + ": it is empty" : source.message())};
   }
   first_source_ = std::move(*source);

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <optional>
 #include <ranges>
+#include <set>
 #include <utility>
 #include <variant>
 
@@ -187,8 +188,8 @@ void Verbs::activate(const ReplyTo& to, const Json& args) {
           fmt::format("swap it in again, from the document {} or {}", document, text.string()),
           {{"source", document}}};
     }
-    std::vector<std::string> names;
-    for (const wire::LawInfo& law : earlier) names.push_back(fmt::format("'{}'", text_of(law.name)));
+    std::set<std::string> names;
+    for (const wire::LawInfo& law : earlier) names.insert(fmt::format("'{}'", text_of(law.name)));
     throw Refusal{
         "unknown_law",
         fmt::format("no law {} ran before this one and is still loaded",

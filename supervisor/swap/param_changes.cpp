@@ -9,6 +9,7 @@
 #include <variant>
 #include <vector>
 
+#include "spine/core/lookup.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe::control {
@@ -56,8 +57,12 @@ std::optional<Refusal> wrong_param(const Json& params, const Json& law) {
     const Json known = law.value("params", Json::array());
     const auto found = std::find_if(known.begin(), known.end(),
                                     [&name = name](const Json& each) { return each.value("name", "") == name; });
-    if (found == known.end())
-      return Refusal{"unknown_param", fmt::format("the new law has no parameter '{}'", name), "leave it out"};
+    if (found == known.end()) {
+      return Refusal{"unknown_param", fmt::format("the new law has no parameter '{}'", name),
+                     known.empty() ? "it has none: leave it out" : "it has: " + joined(known, [](const Json& each) {
+                                                                     return each.value("name", "");
+                                                                   })};
+    }
     if (!value.is_number() || !(value >= (*found)["min"]) || !(value <= (*found)["max"])) {
       return Refusal{"refused_range",
                      fmt::format("{} = {} is outside [{}, {}]", name, value.dump(), (*found)["min"].dump(),

@@ -58,7 +58,7 @@ void print_plan(const bus::Plan& plan, const robot::RobotConfig& robot) {
 }  // namespace
 
 int bus_plan(const Context& context, const std::string& file, const bus::PlanOptions& options) {
-  const robot::RobotConfig robot = value_of(robot::load_robot(file), "bad_config", "correct the file");
+  const robot::RobotConfig robot = value_of(robot::load_robot(file), "bad_config", "correct the file, or name another");
   bus::Plan plan = bus::plan(robot, options);
   plan.advice = bus::advise(robot, options);
   finish(context, bus::to_json(plan, robot), [&](const Json&) { print_plan(plan, robot); });

@@ -33,7 +33,7 @@ constexpr int kNotStarted = 127, kSignalled = 128;
 
 std::optional<robot::RobotConfig> robot_of(const TuneWords& words) {
   if (words.robot.empty()) return std::nullopt;
-  return value_of(robot::load_robot(words.robot), "bad_config", "correct the file");
+  return value_of(robot::load_robot(words.robot), "bad_config", "correct the file, or name another");
 }
 
 // What the Spine's own plan takes.
@@ -42,7 +42,8 @@ std::vector<int> robots_cores(const std::vector<int>& all, bool image, const std
       image ? MachineCores{.online = all, .affinity = all, .granted = all, .isolated = {}} : machine_cores();
   machine.affinity = machine.granted;  // of this shell it may be narrowed: the plan is one for the machine
   if (!robot) return robot::own_cores(robot::fold_cpus(machine));
-  return robot::own_cores(value_of(robot::plan_cpus(*robot, machine), "bad_config", "correct the file"));
+  return robot::own_cores(
+      value_of(robot::plan_cpus(*robot, machine), "bad_config", "correct the file, or name another"));
 }
 
 void stop_and_wait(pid_t child, const sigset_t& awaited, host::Shield& shield, int& status) {

@@ -24,7 +24,10 @@ namespace {
 namespace fs = std::filesystem;
 
 Refusal no_certificates(const fs::path& folder) {
-  return {"no_certificates", fmt::format("there are no certificates in {}", folder.string()),
+  std::error_code failure;
+  return {"no_certificates",
+          fmt::format("there {} {}", fs::is_directory(folder, failure) ? "are no certificates in" : "is no folder",
+                      folder.string()),
           "each swap leaves one; say where: --robot NAME, or --folder DIR"};
 }
 
@@ -94,7 +97,8 @@ int law_show(const Context& context, const std::string& which, const std::string
   if (!found && pages(folder).empty()) throw no_certificates(folder);
   if (!found) {
     throw Refusal{"no_certificates", fmt::format("no certificate in {} is of '{}'", folder.string(), which),
-                  "say last, a number, or the name of a law"};
+                  fmt::format("say last, a number up to {}, or the name of a law",
+                              leading_number<long>(pages(folder).front().stem().string()))};
   }
   const auto& [page, certificate] = *found;
   if (!certificate.is_object()) {

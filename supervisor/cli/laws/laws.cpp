@@ -43,6 +43,10 @@ Source read_law(const std::string& law) {
     const fs::path known = laws_dir() / (path.extension() == ".cpp" ? law : law + ".cpp");
     path = fs::exists(known, failure) ? known : path;
   }
+  if (const std::string kind = path.extension(); fs::exists(path, failure) && kind != ".cpp" && kind != ".cc") {
+    throw Refusal{"no_source", fmt::format("{} is not taken for a law: its name does not end in .cpp", path.string()),
+                  "give the path of one C++ file, or a name that lithe law list shows"};
+  }
   const auto text = read_regular_file(path.string(), kMaxLawBytes);
   if (!text || text->empty()) {
     throw Refusal{"no_source", text ? path.string() + ":1: the file is empty" : "cannot read the law " + text.message(),

@@ -35,7 +35,7 @@ bool takes_value(const CLI::App& app, const std::string& word) {
 struct Walk {
   const CLI::App* at;
   std::string name;     // " law check"
-  std::string unknown;  // the first unknown verb; empty = all are known
+  std::string unknown;  // the first unknown verb, or option before the first verb; empty = all are known
 };
 
 Walk walk(const CLI::App& app, const std::vector<std::string>& words) {
@@ -43,6 +43,11 @@ Walk walk(const CLI::App& app, const std::vector<std::string>& words) {
   for (std::size_t i = 0; i < words.size() && !children(*found.at).empty(); ++i) {
     const std::string& word = words[i];
     if (word.starts_with("-")) {
+      const std::string name = word.substr(0, word.find('='));
+      if (found.at == &app && app.get_option_no_throw(name) == nullptr) {
+        found.unknown = word;
+        break;
+      }
       i += takes_value(app, word) ? 1 : 0;
       continue;
     }
@@ -58,6 +63,8 @@ Walk walk(const CLI::App& app, const std::vector<std::string>& words) {
 }
 
 control::Refusal no_such_verb(const Walk& found) {
+  if (found.unknown.starts_with("-"))
+    return {"usage", fmt::format("lithe has no option '{}' before its verb", found.unknown), "all of them: lithe help"};
   std::vector<std::string_view> names;
   std::vector<std::string> owned;
   for (const CLI::App* each : children(*found.at)) owned.push_back(each->get_name());

@@ -46,6 +46,7 @@ TEST_F(ReferenceTest, AWrongVerbIsNamedWithTheNearestRightOne) {
   EXPECT_EQ(hint({"stauts"}), "lithe has no verb 'stauts'; did you mean 'status'?");
   EXPECT_EQ(hint({"--json", "--robot", "arm", "armm"}), "lithe has no verb 'armm'; did you mean 'arm'?");
   EXPECT_EQ(hint({"law", "chek", "x.cpp"}), "lithe law has no verb 'chek'; did you mean 'check'?");
+  EXPECT_EQ(hint({"--nosuch", "status"}), "lithe has no option '--nosuch' before its verb");
   EXPECT_NE(hint({"xyzzyxyzzy"}).find("; one of: run, "), std::string::npos) << hint({"xyzzyxyzzy"});
 }
 

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <system_error>
 #include <variant>
 #include <vector>
 
@@ -32,7 +33,10 @@ fs::path incidents_folder(const Context& context, const std::string& folder) {
 std::vector<Json> all_incidents(const fs::path& folder) {
   std::vector<Json> found = control::read_incidents(folder);
   if (found.empty()) {
-    throw Refusal{"no_incidents", fmt::format("there are no incidents in {}", folder.string()),
+    std::error_code failure;
+    throw Refusal{"no_incidents",
+                  fmt::format("there {} {}", fs::is_directory(folder, failure) ? "are no incidents in" : "is no folder",
+                              folder.string()),
                   "each fault, rollback, refusal in the tick and change of mode leaves one"};
   }
   return found;

@@ -317,6 +317,19 @@ def test_usage_errors_exit_2(rig: RobotRig) -> None:
     done = rig.lithe("run", wrong)
     assert done.returncode == 2 and "wrong.toml:2" in done.stderr
     assert rig.lithe("run", rig.dir / "absent.toml").returncode == 2
+    for words, said in (
+        (("--nosuch",), "no option '--nosuch'"),
+        (("jog", "elbow", "abc"), "a number is wanted"),
+        (("law", "check", wrong), "does not end in .cpp"),
+        (("run", rig.config, "--law", "absent.cpp"), "cannot read the law absent.cpp"),
+        (("sim", rig.dir / "absent.toml"), "absent.toml"),
+        (("sim", "--fault", "garbage", rig.config), "not a JSON object"),
+    ):
+        done = rig.lithe(*words)
+        assert done.returncode == 2 and said in done.stderr, (words, done.stderr)
+    for verb in ("verify", "show"):
+        assert "there is no folder" in rig.lithe("law", verb, "--folder", rig.dir / "none").stderr
+    assert "there is no folder" in rig.lithe("incident", "list", "--folder", rig.dir / "none").stderr
 
 
 def test_a_first_law_that_does_not_compile_refuses_the_start(rig: RobotRig) -> None:

@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -317,9 +318,8 @@ def test_a_core_comes_back_and_the_last_one_stays(tmp_path: Path, monkeypatch: p
     with pytest.raises(machine.NotHere, match="no core"):
         machine.unplug_core(Random(1), 0)
     (tmp_path / "cpu1").mkdir()
-    online = tmp_path / "cpu1/online"
-    online.write_text("1\n")
-    monkeypatch.setattr(time, "sleep", lambda _: online.write_text("seen " + online.read_text()))
+    (online := tmp_path / "cpu1/online").write_text("1\n")
+    monkeypatch.setattr(machine, "time", SimpleNamespace(sleep=lambda _: online.write_text("seen " + online.read_text())))
     machine.unplug_core(Random(1), 1)
     assert online.read_text() == "1"
 
