@@ -318,10 +318,10 @@ def test_a_core_comes_back_and_the_last_one_stays(tmp_path: Path, monkeypatch: p
     with pytest.raises(machine.NotHere, match="no core"):
         machine.unplug_core(Random(1), 0)
     (tmp_path / "cpu1").mkdir()
-    (online := tmp_path / "cpu1/online").write_text("1\n")
-    monkeypatch.setattr(machine, "time", SimpleNamespace(sleep=lambda _: online.write_text("seen " + online.read_text())))
+    (core := tmp_path / "cpu1/core").write_text("1\n")
+    monkeypatch.setattr(machine, "time", SimpleNamespace(sleep=lambda _: core.write_text("seen " + core.read_text())))
     machine.unplug_core(Random(1), 1)
-    assert online.read_text() == "1"
+    assert core.read_text() == "1"
 
 
 def test_loads_end_when_they_are_told_to(tmp_path: Path) -> None:
