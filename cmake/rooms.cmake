@@ -8,7 +8,7 @@ if(LITHE_TESTS)
 endif()
 
 # Half of what a file costs to compile is reading GoogleTest, nlohmann/json and the standard library, so all that need the
-# same read them once. Not with clang: it refuses a precompiled header where a target has definitions of its own.
+# same read them once.
 # lithe_headers(<name> OPTIONS <option>... LINKS <target>... HEADERS <header>...): one such reading.
 function(lithe_headers name)
   cmake_parse_arguments(READ "" "" "OPTIONS;LINKS;HEADERS" ${ARGN})
@@ -33,8 +33,6 @@ function(lithe_light target)
   target_compile_options(${target} PRIVATE ${LITHE_LIGHT})
   if(TARGET lithe_json_headers)
     target_precompile_headers(${target} REUSE_FROM lithe_json_headers)
-  else()
-    target_precompile_headers(${target} PRIVATE <nlohmann/json.hpp> <fmt/format.h>)
   endif()
   lithe_trust_string(${target})
 endfunction()
@@ -42,7 +40,7 @@ endfunction()
 # Tests are compiled without optimisation, in half the time. Not those whose own code races with other threads, or takes
 # millions of steps: their labels are these.
 set(LITHE_OPTIMISED_TESTS "^(tick.)?(ipc|law|contain|plan|limits|faults)$")
-if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+if(NOT CMAKE_DISABLE_PRECOMPILE_HEADERS)
   find_package(fmt REQUIRED)
   find_package(nlohmann_json REQUIRED)
   set(test_headers <gtest/gtest.h> <algorithm> <array> <atomic> <cmath> <filesystem> <fstream> <functional> <random>
@@ -171,7 +169,7 @@ function(lithe_test name)
       set(headers lithe_test_json_headers)
     endif()
   endif()
-  if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+  if(TARGET ${headers})
     target_precompile_headers(${name} REUSE_FROM ${headers})
     lithe_trust_string(${name})
   endif()
