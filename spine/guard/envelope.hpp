@@ -25,7 +25,7 @@ struct Measured {
 //    one does; the new one acts until the next one; then the torque falls to full braking at the slew bound
 //    (robot/limits/stopping.hpp).
 // 3. If no torque stops the joint: the one that brakes hardest. If that would carry the joint to the opposite limit:
-//    the one that stays equally far from both.
+//    the torque with the same overrun at both limits.
 // 4. Beyond a limit: a torque with which the joint goes no farther, and comes back slowly.
 // 5. In flight are also what the drive adds by itself: its PD between two commands, and its lag.
 // Contract: RT after configure() · one thread · bounded work
@@ -39,10 +39,11 @@ class Envelope {
   // To be called when the drive is off.
   void forget() LITHE_RT;
 
-  // Once per tick: the torque that acts by the last command that left, between these two.
+  // Once per tick: the range of torque that the last dispatched command can cause [N m].
   void in_flight(double least_nm, double most_nm) LITHE_RT;
 
-  // How far the drive's own PD may take the torque off, upwards and downwards, before another command acts.
+  // How far the drive's own PD may move the torque away from `torque_nm`, down and up, before the next command acts
+  // [N m].
   struct Drift {
     double down_nm = 0, up_nm = 0;
   };

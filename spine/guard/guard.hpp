@@ -30,8 +30,8 @@ struct Input {
   std::int64_t sample_age_ns = 0;                             // of position and velocity
 };
 
-// The ladder of a stopped group, from the mildest rung to the last. Each rung begins when the one above it has ended;
-// only `reset` leads back up.
+// The ladder of a stopped group, from the mildest rung to the last. A group brakes, and is later switched off, after
+// its own time at rest (brake_after_s, off_after_s). Only `reset` or `recover` leads back up.
 using wire::Rung;
 
 struct Verdict {
@@ -52,10 +52,10 @@ struct Group {
   std::uint64_t ticks_at_rest = 0, ticks_seen_at_rest = 0;
 };
 
-// In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick. Then per joint:
-// soft stops, velocity, torque, slew, and last the torque that still stops before the limits (Envelope). A fault of one
-// joint stops the joint's group; the other groups continue under the law or stop too, as the robot file says
-// (`other_groups`). A fault that belongs to no single joint stops all joints.
+// In the order of authority: not finite, drives, freshness and overrun -> safe law, in the same tick. Then per joint,
+// in this order: torque, power, soft stop and velocity, slew, and last the torque that still stops before the limits
+// (Envelope). A fault of one joint stops the joint's group; the other groups continue under the law or stop too, as the
+// robot file says (`other_groups`). A fault that belongs to no single joint stops all joints.
 //
 // Slew: when a command replaces the one before it, the torque at the joint changes by at most torque_slew_nm_s /
 // rate_hz. This torque is the feed-forward plus the drive's own PD, at the position that the guard predicts for that
@@ -66,7 +66,6 @@ struct Group {
 //
 // A joint without a usable sample is braked by its drive, which knows its own velocity. The feed-forward fades, then
 // damping grows to safe_kd_nm_s_rad. Both are within the slew bound up to the speed that is a fault.
-//
 // Contract: RT after configure() · owned by the tick thread · bounded work per joint
 class Guard {
  public:
@@ -81,8 +80,8 @@ class Guard {
   // The last output was sent: the next slew bound starts from it. An output that was not sent is ignored.
   void dispatched() LITHE_RT;
 
-  // In mode recover, whatever the proposal, every joint is brought inside its limits (recovery.hpp). All that is a
-  // fault of a joint in the mode active is one here, except its position; any fault of any joint stops all.
+  // In mode recover, whatever the proposal, every joint is brought inside its limits (recovery.hpp). Every joint fault
+  // of mode active is a fault here too, except position_limit; a fault of any joint stops all joints.
   // `out`: always finite (position kNoTarget = none) and within the limits, for any input.
   Verdict check(const Input& in, JointCommands& out) LITHE_RT;
   // Of this joint in the last check; at brake and off its command is not used.

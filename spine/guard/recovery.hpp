@@ -12,17 +12,18 @@
 
 namespace lithe::guard {
 
-// Runs in the mode recover instead of a law. It uses measured position and velocity only. Each joint has a goal: where
-// it was at the start, or the nearest place inside its limits. A velocity controller follows a speed of at most
-// recover_velocity_rad_s towards the goal; its integral part finds the load, at the rate that the joint's own safe
-// damping keeps stable. The torque is at most recover_torque_share of torque_max_nm. Outside the limits
+// Runs in the mode recover instead of a law. It uses measured position and velocity only. Each joint has a goal: its
+// position at the start, or the nearest one that is at least 0.02 rad inside the limits (less in a narrow range). A
+// velocity controller follows a speed of at most recover_velocity_rad_s towards the goal; its integral term compensates
+// the load; its gain is limited so that the loop stays stable with the joint's safe damping. The torque is at most
+// recover_torque_share of torque_max_nm. Outside the limits
 //   inward torque fades to zero between the recover speed and twice that speed, and
 //   outward torque only brakes an inward motion: it is at most in proportion to the inward speed.
 // Within the soft stop before a limit, torque towards that limit fades as for a law. Speed is bounded, not held: a
 // joint that gravity pulls is faster for a moment, until the load is found. A load above the cap that pulls inwards is
 // not held here; the guard's Envelope holds it, before the limit at the other end. A joint is stuck when it comes no
 // nearer to its limits for kStallS plus the time in which the torque grows to its cap. It is also stuck when the
-// recovery takes three times as long as the way at the recover speed, plus kPatienceS.
+// recovery takes longer than three times the way at the recover speed, plus kPatienceS, plus that stall time.
 // Contract: RT after configure() · owned by the guard · bounded work per joint
 class Recovery {
  public:

@@ -12,8 +12,8 @@ namespace lithe::loop {
 
 using ClockMemory = ipc::ChannelMemory<RawClock>;
 
-// One thread's view. follow(), called between two ticks, takes over the keeper's newest fit. That moves the time by
-// less than 0.1 us, or once by 25 us when NTP begins or ends a slew of 500 ppm.
+// One thread's view. follow(), called between two ticks, reads the ClockKeeper's newest fit (offset and rate against
+// CLOCK_MONOTONIC). The time then jumps by less than 0.1 us; once by 25 us when NTP begins or ends a slew of 500 ppm.
 // Contract: RT · one instance per thread
 class SteeredClock {
  public:

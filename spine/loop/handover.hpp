@@ -12,9 +12,9 @@
 namespace lithe::loop {
 
 // Two counters and two pairs of buffers. `dispatched_` is written by the tick alone, `done_` by the Transport alone.
-// While they are equal the Transport is idle and both slots belong to the tick; after a dispatch, slot `dispatched_ &
-// 1` belongs to the Transport until `done_` catches up. So neither side ever waits; a late Transport costs the tick one
-// dispatch, and a buffer is never torn.
+// While they are equal the Transport is idle and all buffers belong to the tick; after a dispatch, the buffers with
+// index `dispatched_ & 1` belong to the Transport until `done_` has the same value. Neither side ever waits, and a
+// buffer is never torn; if the Transport is late, the tick sends no command.
 // Contract: RT · one tick thread, one Transport thread · wait-free on both sides
 class Handover {
  public:
@@ -23,7 +23,7 @@ class Handover {
   // acquire, with the release store in finish(): what the Transport wrote into its sample is visible.
   bool idle() const LITHE_RT { return done_.load(std::memory_order_acquire) == sent_; }
 
-  // The slot for the next command. Writable at any time: the Transport does not read it before dispatch().
+  // The buffer for the next command. Writable at any time: the Transport does not read it before dispatch().
   hal::ActuatorCommand& next_command() LITHE_RT { return command_[(sent_ + 1) & 1]; }
 
   // The newest finished sample. Valid until the dispatch after next: call only when idle() held at this release.

@@ -15,7 +15,7 @@ namespace lithe::loop {
 // Contract: RT · owned by the tick thread
 class BarrierHost final : public step::Host {
  public:
-  // Without a FaultBarrier a crash of a law ends the process, and no law is ended.
+  // Without a FaultBarrier a crash of a law ends the process, and a law is not stopped at its deadline.
   BarrierHost(const SteeredClock& clock, contain::FaultBarrier* barrier) : clock_(clock), barrier_(barrier) {}
 
   std::int64_t now_ns() LITHE_RT override { return clock_.now_ns(); }

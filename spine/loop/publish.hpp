@@ -18,8 +18,9 @@ namespace lithe::loop {
 // The durations of one tick [ns].
 struct Durations {
   std::int64_t release_jitter_ns = 0;  // woken minus due
-  std::int64_t handoff_ns =
-      0;  // woken to u_k handed over; inline Transport: of the previous tick, until the bus was served
+  // From the start of the tick until u_k is handed over; inline Transport: from the start of the previous tick until
+  // its exchange began.
+  std::int64_t handoff_ns = 0;
   std::int64_t law_ns = 0;
   std::int64_t guard_ns = 0;
   std::int64_t tick_ns = 0;  // of the previous tick: this one is not over when it is published

@@ -44,7 +44,7 @@ class ReleaseGrid {
   std::int64_t release_ns_ = 0;
 };
 
-// Waits until `release_ns` by spinning: no wake-up latency. Bounded by one period.
+// Waits until `release_ns` by spinning: no wake-up latency. Bounded by one period, the first wait by two.
 inline std::int64_t wait_spinning(const RawClock& clock, std::int64_t release_ns) LITHE_RT {
   std::int64_t now_ns = clock.now_ns();
   while (now_ns < release_ns) {
@@ -54,9 +54,9 @@ inline std::int64_t wait_spinning(const RawClock& clock, std::int64_t release_ns
   return now_ns;
 }
 
-// Waits for releases as the robot file says. A hybrid wait sleeps until some time before the release, its window, and
-// spins through that. The window is learnt from the board: the wake-up latency that 999 of 1000 sleeps do not exceed,
-// plus 30 us; at least 50 us, at most half a period.
+// Waits for releases as the robot file says. A hybrid wait sleeps, and then spins for the last part before the release:
+// the window. It is learnt from this machine's wake-up latency: what 999 of 1000 sleeps do not exceed, plus 30 us; at
+// least 50 us, at most half a period.
 // Contract: owned by one thread · until() between two ticks, never inside one: sleep and hybrid call the kernel
 class ReleaseWait {
  public:

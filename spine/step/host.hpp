@@ -10,8 +10,8 @@
 
 namespace lithe::step {
 
-// Its answers are inputs of the step, like samples and commands. In the Spine it is BarrierHost, with the FaultBarrier
-// and the clock.
+// What runs a law for the step; not the machine (the room host). Its answers are inputs of the step, like samples and
+// commands. In the Spine it is BarrierHost, with the FaultBarrier and the clock.
 // Contract: RT · one thread
 class Host {
  public:

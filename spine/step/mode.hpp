@@ -10,10 +10,11 @@ namespace lithe::step {
 // Conditions that decide a command's answer, besides the mode.
 struct Conditions {
   bool has_law = false;        // a law is resident and may step
-  bool sample_fresh = false;   // every joint has answered in this tick
+  bool sample_fresh = false;   // every joint answered in the last exchange, at most 3 ticks ago; if disarmed,
+                               // every drive was also sent "off"
   bool homed = true;           // every joint that must be homed is
   bool estop_pressed = false;  // one of the sticky words is set
-  bool inside = true;          // every joint is within its position limits
+  bool inside = true;          // every joint is at most Recovery::kAtLimitRad beyond its position limits
   bool memory_whole = true;    // contain::Constants found no change
 };
 
@@ -26,9 +27,9 @@ struct Conditions {
 //   recover  disarmed -> recover; also from a safe stop by position_limit, velocity_limit or recover_failed, so that a
 //            held joint does not have to be switched off first. Ends with disarm, a fault, or with arm once every joint
 //            is inside its limits.
-// safe_stop and estop are latched: only reset leaves them (except recover, above), and never straight into motion. The
-// fault of one group, while other groups continue, is latched as well and does not change the mode. Once memory is
-// damaged, only a new process can move the robot again.
+// estop is left only by reset. safe_stop is left by reset, by recover (above) or by disarm; after disarm its fault
+// stays latched until reset. None of them starts a law. The fault of one group, while other groups continue, is latched
+// as well and does not change the mode. Once memory is damaged, only a new process can move the robot again.
 // Contract: RT · owned by the tick thread
 class ModeMachine {
  public:
@@ -44,8 +45,8 @@ class ModeMachine {
   // Applies one of arm, disarm, hold, reset, recover, estop; anything else is refused_unknown.
   wire::CommandResult apply(wire::CommandKind kind, const Conditions& conditions) LITHE_RT;
 
-  // A fault of the running robot: enters the latched safe stop. Ignored while no drive has torque. True if the mode
-  // changed.
+  // A fault of the running robot: enters the latched safe stop. Ignored except in the modes active, hold and recover.
+  // True if the mode changed.
   bool fail(wire::Fault fault) LITHE_RT;
   void fail_in_part(wire::Fault fault) LITHE_RT;
 

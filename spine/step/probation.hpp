@@ -25,8 +25,8 @@ namespace lithe::step {
 //   budget      the step took longer than allowed kMostLong times in a row; a single time may be the machine's fault
 // Only ticks in which the robot moves, or should move, count for the duration. A robot at rest proves nothing.
 // When the machine stopped the tick for kPauseS (at least 3.5 periods), the setpoint went on without the law: for
-// kCatchUpS no tracking error is judged or remembered, and no tick counts. The guard's limits hold all the time. A law
-// committed meanwhile is also compared with the errors of that time before its commit.
+// kCatchUpS no tracking error is judged or remembered, and no tick counts. The guard's limits hold all the time. For a
+// law committed in these kCatchUpS, the errors since the pause also count as errors before its commit.
 // A law and its parameters can be on probation at the same time; then the newer parameters are reverted first.
 // Parameters of an unconfirmed law get no probation of their own: they are judged with the law.
 // Contract: RT · owned by the tick thread · bounded work per joint
@@ -47,8 +47,9 @@ class Probation {
 
   // To be called when a law was committed. It is compared with the time before.
   void start(const law::Terms& terms) LITHE_RT;
-  // To be called when this command has set parameters of the active law. They are compared likewise, for the duration
-  // in the robot file. While the law itself is on probation, that begins again: it and the values are judged together.
+  // To be called when this command has set parameters of the active law. The new values are compared in the same way,
+  // for probation_s of the robot file. If the law itself is on probation, its probation starts again, and law and
+  // values are judged together.
   void start_params(std::uint64_t request_id) LITHE_RT;
   std::uint64_t params_request_id() const LITHE_RT { return params_request_id_; }
   // The law was to be replaced, and no other is there: after a reset it runs again, and is judged by the same measure.

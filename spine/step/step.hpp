@@ -30,7 +30,7 @@ struct Input {
   std::uint64_t tick;
   std::int64_t now_ns;               // CLOCK_MONOTONIC: the time of this step
   const hal::ActuatorState& sample;  // x_k: the newest sample, fresh or not
-  bool exchanged = true;             // the last command was sent, and `sample` is the answer to it
+  bool exchanged = true;             // u_k was handed over in this tick; `sample` has the replies to u_{k-1}
   bool deadline_missed = false;      // the tick before ended late, or releases were skipped
   bool estop_pressed = false;        // one of the sticky words is set
   std::int64_t brain_age_ns = -1;    // since the Brain's last heartbeat; -1 = none so far

@@ -31,7 +31,8 @@ class LawLifecycle {
   // What the measured control says about a law that was rolled back, one sentence.
   using Explain = std::function<void(const SwapState& swap, const std::string& sentence)>;
   static constexpr std::size_t kFaultsKept = 8;
-  // Control is compared over the probation, at most so long before and after the commit: both are in the ring then.
+  // Tracking is compared over probation_s before and after the commit, each at most this long [s]: up to 1.3 kHz the
+  // telemetry ring still has both.
   static constexpr double kControlS = 1.5;
   static constexpr std::int64_t kMeasureAfterNs = 60'000'000;  // a little more than kWindowS of metrics.hpp
 
@@ -71,7 +72,8 @@ class LawLifecycle {
   };
 
   void measure(Life& life);
-  // Writes old law beside new into the certificate. `why`: of its rollback; then what the joints did is explained.
+  // Writes the tracking of the old and the new law into the certificate. `why`: reason of the rollback; if given, a
+  // sentence explains what the joints did.
   void measure_control(Life& life, const std::string& why = "");
   Life* of_request(std::uint64_t request_id);
   Life* of_law(std::uint32_t law_id);

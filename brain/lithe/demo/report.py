@@ -58,8 +58,8 @@ def estimates(joints: list[dict[str, Any]]) -> None:
         covered = "inside" if joint["mgl_off_intervals"] <= 1 else "outside"
         print(f"  mgl         {joint['mgl_hat_nm']:.4f} N m estimated, 95 % interval {least_nm:.4f} to {most_nm:.4f}")
         print(
-            f"  {'':<11} {joint['mgl_true_nm']:.4f} N m true, in the torque that the drive tells: {covered} it, "
-            f"the estimate is off by {joint['mgl_error']:.1%}"
+            f"  {'':<11} {joint['mgl_true_nm']:.4f} N m true, in units of the torque that the drive reports: "
+            f"{covered} the interval, error of the estimate {joint['mgl_error']:.1%}"
         )
         return
     shown = ("baseline", "gravity_only", "evolved", "resumed", "reattached")
@@ -93,7 +93,7 @@ def report(summary: dict[str, Any], out: Path) -> None:
     ):  # fmt: skip
         tally = summary[key]
         print(
-            f"  {name:<11} {tally['lost_per_s']:.2f} missed ticks a second: "
+            f"  {name:<11} {tally['lost_per_s']:.2f} missed releases a second: "
             f"{tally['lost_ticks']} in {tally['seconds']:.1f} s, "
             f"in {tally['windows_with_loss']} of {tally['windows']} windows"
         )
@@ -107,7 +107,7 @@ def report(summary: dict[str, Any], out: Path) -> None:
         print(f"  {name:<11} p50 {q['p50']:.2f}  p99 {q['p99']:.2f}  p99.9 {q['p999']:.2f}  max {q['max']:.2f} us")
     print(
         f"  ticks       {summary['ticks']}, lost {summary['lost_ticks']}, "
-        f"missed deadlines {summary['missed_deadlines']}"
+        f"ticks after a deadline miss {summary['missed_deadlines']}"
     )
     print(f"  figures and telemetry in {out}/")
     _verdict(summary)
