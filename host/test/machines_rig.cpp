@@ -206,6 +206,7 @@ void put_fifo(const FakeRoot& root) {
              {"/proc/self/cgroup", "3:cpuset:/\n4:memory:/box\n0::/"},
              {"/sys/fs/cgroup/cpuset/cpuset.sched_load_balance", "0"},
              {"/sys/fs/cgroup/memory/box/memory.limit_in_bytes", "1000000"},
+             {"/sys/fs/cgroup/memory/memory.limit_in_bytes", "9223372036854771712"},
              {"/sys/kernel/debug/sched/fair_server/cpu1/runtime", "50000000"},
              // Its mask was changed, it still goes to core 1, and has not come yet.
              {"/proc/irq/24/smp_affinity_list", "0,2-3"},

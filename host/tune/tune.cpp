@@ -178,9 +178,10 @@ Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook
       if (const Result<> part = revert_in(book, target, forget, hook, result); !part) return part.error();
     }
   }
+  // `already`: an earlier revert was killed before it could tell the command.
   const auto undone = [&](const char* item) {
     return std::ranges::any_of(
-        result.steps, [&](const Step& each) { return each.change.item == item && each.outcome == Outcome::done; });
+        result.steps, [&](const Step& each) { return each.change.item == item && each.outcome <= Outcome::already; });
   };
   if (undone(kRulesItem)) result.commands.push_back(kReloadRules);
   if (undone(kUnitItem))

@@ -76,7 +76,9 @@ Finding check_irqbalance(const Subject& subject, Notes& notes) {
     if (each.name != "irqbalance") continue;
     const std::string path = fmt::format("/proc/{}/environ", each.pid);
     constexpr std::string_view kKey = "IRQBALANCE_BANNED_CPULIST=";
-    const std::string environment = subject.files.read(path).value;
+    const Reading reading = subject.files.read(path);
+    if (!reading.known()) return notes.unread(path);
+    const std::string& environment = reading.value;
     const std::size_t at = environment.find(kKey);
     const std::string banned = at == std::string::npos ? "" : environment.c_str() + at + kKey.size();
     notes.add(path, banned.empty() ? "no IRQBALANCE_BANNED_CPULIST seen" : fmt::format("{}{}", kKey, banned));
@@ -142,6 +144,10 @@ Finding check_release_phase(const Subject& subject, Notes& notes) {
   if (!subject.measured || subject.measured->phase_share.empty())
     return notes.say(State::unknown, "only a measurement tells: lithe doctor --measure 10");
   const std::vector<double>& share = subject.measured->phase_share;
+  if (subject.measured->gaps_per_s > 0 && std::ranges::all_of(share, [](double each) { return each == 0; })) {
+    notes.add("--measure", "{:.1f} gaps/s, all above 500 us", subject.measured->gaps_per_s);
+    return notes.say(State::unknown, "gaps above 500 us tell nothing about a phase");
+  }
   const auto bins = share.size();
   const auto at = static_cast<std::size_t>(kSpinePhaseUs / kMsUs * static_cast<double>(bins));
   const double around = share[(at + bins - 1) % bins] + share[at % bins];

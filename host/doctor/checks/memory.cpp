@@ -187,10 +187,14 @@ Finding check_memory_limit(const Subject& subject, Notes& notes) {
   for (const std::string_view line : lines_in(groups.value)) {
     const std::size_t v1 = line.find(":memory:");
     if (v1 != std::string_view::npos) {
-      const std::string group(line.substr(v1 + 8));
-      const Reading limit =
-          notes.read("/sys/fs/cgroup/memory" + (group == "/" ? "" : group) + "/memory.limit_in_bytes");
-      state = !limit.known() ? State::unknown : is_v1_limit(limit) ? State::ok : State::warn;
+      state = State::ok;
+      std::string group(line.substr(v1 + 8));
+      if (group == "/") group.clear();
+      for (;; group.resize(group.rfind('/'))) {
+        const Reading limit = notes.read("/sys/fs/cgroup/memory" + group + "/memory.limit_in_bytes");
+        state = worst({state, !limit.known() ? State::unknown : is_v1_limit(limit) ? State::ok : State::warn});
+        if (!group.starts_with('/')) break;
+      }
       break;
     }
     if (!line.starts_with("0::/")) continue;

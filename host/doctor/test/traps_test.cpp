@@ -255,6 +255,20 @@ TEST_F(Traps, ALimitOfMemoryCountsOnEveryLevel) {
   EXPECT_EQ(state("memory_limit"), State::warn);
   root_.write("/sys/fs/cgroup/memory/box/memory.limit_in_bytes", "9223372036854771712");
   EXPECT_EQ(state("memory_limit"), State::ok);
+  root_.write("/proc/self/cgroup", "4:memory:/box/inner\n0::/");
+  root_.write("/sys/fs/cgroup/memory/box/inner/memory.limit_in_bytes", "9223372036854771712");
+  EXPECT_EQ(state("memory_limit"), State::ok);
+  root_.write("/sys/fs/cgroup/memory/box/memory.limit_in_bytes", "1000000");
+  EXPECT_EQ(state("memory_limit"), State::warn);
+}
+
+TEST_F(Traps, WhatIrqbalanceWasToldIsUnknownToWhomItDoesNotBelong) {
+  put_partition(root_);
+  add_task(root_, {.pid = 400, .name = "irqbalance"});
+  root_.write("/proc/400/environ", "IRQBALANCE_BANNED_CPULIST=0\n");
+  EXPECT_EQ(state("irqbalance"), State::warn);
+  make_unreadable("/proc/400/environ");
+  EXPECT_EQ(state("irqbalance"), State::unknown);
 }
 
 TEST_F(Traps, AnAbsentFileIsNeverInOrder) {

@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <system_error>
 
+#include "host/read/words.hpp"
 #include "host/tune/boot/board.hpp"
 #include "host/tune/boot/edit.hpp"
 #include "spine/core/host/cores.hpp"
@@ -140,6 +141,13 @@ std::vector<std::string> notes_of(const HostFiles& files, const FoundBoard& foun
   return notes;
 }
 
+// Of an image it is not known: true.
+bool is_booted_with(const HostFiles& files, const std::vector<Flag>& flags) {
+  const Reading line = files.read("/proc/cmdline");
+  return !line.known() ||
+         std::ranges::all_of(flags, [&](const Flag& flag) { return has_word(line.value, flag.text()); });
+}
+
 }  // namespace
 
 Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
@@ -159,7 +167,13 @@ Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
   if (!edit) return edit.error();
 
   BootPlan plan{.board = found.board->name, .changes = {}, .commands = {}, .notes = notes_of(files, found, *kernel)};
-  if (edit->before == edit->after) return plan;
+  if (edit->before == edit->after) {
+    if (!is_booted_with(files, kernel->flags) && !boot->commands.empty()) {
+      plan.commands = boot->commands;
+      plan.notes.push_back(edit->path + " has the flags, and this boot has not: run the commands, then reboot");
+    }
+    return plan;
+  }
   if (const Result<> good = check_writable(files, edit->was_absent ? kGrubFolder : edit->path); !good)
     return good.error();
   plan.changes.push_back(

@@ -129,6 +129,16 @@ TEST_F(BootTest, SystemdBootHasOneLine) {
   EXPECT_EQ(plan()->commands, std::vector<std::string>{"kernel-install add-all"});
 }
 
+TEST_F(BootTest, TheCommandIsToldAgainUntilTheMachineIsBootedWithTheFlags) {
+  trees::pc(root_);
+  root_.write("/etc/kernel/cmdline", "root=UUID=1234 ro quiet " + kPcFlags);
+  root_.write("/proc/cmdline", "root=UUID=1234 ro quiet\n");
+  EXPECT_TRUE(plan()->changes.empty());
+  EXPECT_EQ(plan()->commands, std::vector<std::string>{"kernel-install add-all"});
+  root_.write("/proc/cmdline", "root=UUID=1234 ro quiet " + kPcFlags + "\n");
+  EXPECT_TRUE(plan()->commands.empty());
+}
+
 TEST_F(BootTest, AVirtualMachineIsOneWithTheSameFiles) {
   trees::debian12(root_);
   root_.write("/proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu constant_tsc hypervisor nonstop_tsc\n");

@@ -95,15 +95,19 @@ Result<std::vector<Step>> apply(Journal& journal, const Writer& writer, const st
 Result<std::vector<Step>> revert_entries(Journal& journal, const Writer& writer, std::vector<Entry> entries,
                                          bool forget) {
   std::vector<Step> steps;
+  Result<> noted = done();
   std::ranges::reverse(entries);
   for (const Entry& entry : entries) {
     Step step = undo(writer, entry);
     if (step.well() || (forget && step.outcome == Outcome::foreign)) {
-      const Result<> noted = journal.drop(entry.number, step.well() ? "undone" : "left to who changed it");
-      if (!noted) return noted.error();
+      // A full disk: the rest is undone all the same, and what is undone a second time has its value already.
+      if (const Result<> dropped = journal.drop(entry.number, step.well() ? "undone" : "left to who changed it");
+          !dropped)
+        noted = dropped;
     }
     steps.push_back(std::move(step));
   }
+  if (!noted) return noted.error();
   return steps;
 }
 

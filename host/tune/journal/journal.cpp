@@ -17,6 +17,7 @@
 
 #include "host/read/files.hpp"
 #include "spine/core/host/files.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -176,6 +177,8 @@ void Journal::merge(Entry entry) {
     if (!is_of_the_same(each.change, entry.change)) continue;
     each.number = entry.number;
     each.ours.push_back(entry.change.after);
+    // A person has edited the file meanwhile: that text comes back.
+    if (entry.change.kind == ChangeKind::file && !contains(each.ours, entry.change.before)) each.change = entry.change;
     return;
   }
   entries_.push_back(std::move(entry));

@@ -15,10 +15,10 @@
 namespace lithe::host {
 
 // One change that is not undone yet. Several changes of one path are one entry: the first value before, every value
-// after.
+// after. Of a file that somebody edited between two changes: the text before the second.
 struct Entry {
   std::uint64_t number = 0;
-  Change change{};                  // `before` and `was_absent`: of the first
+  Change change{};                  // `before` and `was_absent`: of the first, or since that edit
   std::vector<std::string> ours{};  // values that we wrote
   std::int64_t at_ticks = 0;        // clock ticks since boot, as start_time_ticks counts
 };

@@ -2,16 +2,44 @@
 #include "host/tune/journal/journal.hpp"
 
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <cerrno>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
+#include <sstream>
 
 #include "host/test/machine_rig.hpp"
 #include "host/test/root_rig.hpp"
 #include "host/tune/journal/writer.hpp"
+#include "spine/core/lookup.hpp"
+
+namespace {
+
+// What a power cut leaves: of each file its text when fsync() was last called for it; "" of a folder.
+std::map<std::string, std::string>& on_disk() {
+  static std::map<std::string, std::string> files;
+  return files;
+}
+
+}  // namespace
+
+// In the place of the C library's: in this program, the journal calls it.
+extern "C" int fsync(int fd) {
+  std::error_code failed;
+  const auto path = std::filesystem::read_symlink("/proc/self/fd/" + std::to_string(fd), failed);
+  std::ostringstream text;
+  if (!std::filesystem::is_directory(path, failed)) text << std::ifstream(path).rdbuf();
+  on_disk()[path] = text.str();
+  return static_cast<int>(::syscall(SYS_fsync, fd));
+}
 
 namespace lithe::host {
 namespace {
@@ -52,6 +80,26 @@ TEST_F(JournalTest, WhatWasBegunIsThereAfterReopening) {
   EXPECT_EQ(journal.entries()[0].change.item, "vmstat");
 }
 
+TEST_F(JournalTest, APowerCutLeavesTheEntryOfEachChangeThatBegan) {
+  on_disk().clear();
+  Journal journal = open();
+  const Change file{.kind = ChangeKind::file, .path = "/etc/lithe.conf", .was_absent = true, .after = "quiet"};
+  std::filesystem::create_directories(root_.path() + "/etc");
+  int steps = 0;
+  const Writer writer(root_.path(), [&] {
+    ++steps;
+    EXPECT_TRUE(has_text(on_disk()[path_], R"("path":"/etc/lithe.conf")")) << "step " << steps;
+    EXPECT_TRUE(on_disk().contains(std::filesystem::path(path_).parent_path())) << "nor has the journal a name there";
+  });
+  const auto done = apply(journal, writer, {file});
+  ASSERT_TRUE(done && done->front().well());
+  EXPECT_GE(steps, 4);
+  EXPECT_EQ(std::erase_if(on_disk(), [](const auto& each) { return each.second == "quiet"; }), 1U)
+      << "the text is on disk before the file has its name";
+  EXPECT_FALSE(on_disk().contains(root_.path() + "/etc/lithe.conf")) << "not only after it";
+  EXPECT_TRUE(on_disk().contains(root_.path() + "/etc")) << "the name is on disk";
+}
+
 TEST_F(JournalTest, AFailedChangeLeavesNothingToUndo) {
   {
     Journal journal = open();
@@ -67,6 +115,49 @@ TEST_F(JournalTest, TheFirstValueBeforeIsKept) {
   ASSERT_EQ(journal.entries().size(), 1u);
   EXPECT_EQ(journal.entries()[0].change.before, "first");
   EXPECT_EQ(journal.entries()[0].ours, (std::vector<std::string>{"ours", "ours too"}));
+}
+
+TEST_F(JournalTest, AFileThatSomebodyEditedInBetweenComesBackAsThat) {
+  const auto text = [](bool was_absent, const std::string& before, const std::string& after) {
+    return Change{.kind = ChangeKind::file, .path = "/a", .was_absent = was_absent, .before = before, .after = after};
+  };
+  {
+    Journal journal = open();
+    ASSERT_TRUE(journal.begin(text(false, "first", "first, ours")));
+    ASSERT_TRUE(journal.begin(text(false, "first, ours", "first, ours too")));
+    EXPECT_EQ(journal.entries()[0].change.before, "first");
+    ASSERT_TRUE(journal.begin(text(false, "theirs", "theirs, ours")));
+    EXPECT_EQ(journal.entries()[0].change.before, "theirs");
+    ASSERT_TRUE(journal.begin(text(true, "", "ours")));
+  }
+  EXPECT_TRUE(open().entries()[0].change.was_absent) << "removed in between, and read anew";
+}
+
+TEST_F(JournalTest, AFullDiskHoldsUpNoRevert) {
+  const std::string paths[] = {"/proc/sys/a", "/proc/sys/b", "/proc/sys/c"};
+  {
+    Journal journal = open();
+    for (const std::string& path : paths) {
+      root_.write(path, "2\n");
+      ASSERT_TRUE(journal.finish(*journal.begin(change(path, "1", "2")), 0, "2"));
+    }
+  }
+  const auto size = static_cast<rlim_t>(std::filesystem::file_size(path_));
+  const pid_t child = ::fork();
+  if (child == 0) {
+    ::signal(SIGXFSZ, SIG_IGN);
+    const rlimit limit{size, size};
+    ::setrlimit(RLIMIT_FSIZE, &limit);
+    Journal journal = open();
+    ::_exit(revert(journal, Writer(root_.path())) ? 1 : 0);
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  EXPECT_EQ(WEXITSTATUS(status), 0) << "it must say that the journal could not be written";
+  for (const std::string& path : paths) EXPECT_EQ(HostFiles(root_.path()).read(path).value, "1") << path;
+  Journal journal = open();
+  ASSERT_TRUE(revert(journal, Writer(root_.path())));
+  EXPECT_FALSE(std::filesystem::exists(path_));
 }
 
 TEST_F(JournalTest, ATornLastLineIsIgnoredAndCutOff) {

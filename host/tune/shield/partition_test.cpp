@@ -137,6 +137,43 @@ TEST_F(PartitionTest, OneThatTheKernelEndsIsToldAndTheTasksAreMoved) {
   EXPECT_EQ(read_tasks(HostFiles(), {task_.pid()}).all[0].cpus, cores_without(all_, options_.cores));
 }
 
+TEST_F(PartitionTest, TasksBornAfterTheKernelEndedItGetTheirCoresBack) {
+  const pid_t holder = ::fork();
+  if (holder == 0) {
+    auto shield = Shield::raise(options_);
+    root_.write(std::string(kShieldGroup) + "/cpuset.cpus.partition", "isolated invalid (no reason)\n");
+    (void)shield->keep_up();
+    ::kill(::getpid(), SIGKILL);
+  }
+  ::waitpid(holder, nullptr, 0);
+  const Sleeper born;
+  born.choose(cores_without(all_, options_.cores));  // as it inherits them
+  ShieldOptions again = options_;
+  again.only.push_back(born.pid());
+  again.hook = [&] { groups_->settle(true); };
+  const auto lowered = Shield::lower_left_over(again);
+  ASSERT_TRUE(lowered) << lowered.message();
+  EXPECT_EQ(read_tasks(HostFiles(), {born.pid()}).all[0].cpus, all_);
+  EXPECT_EQ(lowered->born.size(), 1u) << "and it is named";
+}
+
+TEST_F(PartitionTest, OneThatWasThereBeforeIsWatchedToo) {
+  const Target target{.root = root_.path(), .all_cores = all_, .cores = options_.cores, .partition = true};
+  ASSERT_TRUE(tune_apply(target, tune_plan(target).changes, [&] { groups_->settle(); }));
+  auto shield = Shield::raise(options_);
+  ASSERT_TRUE(shield) << shield.message();
+  EXPECT_FALSE(shield->has_partition());
+  ASSERT_EQ(shield->facts().mechanism, Mechanism::cpuset2);
+  EXPECT_EQ(shield->keep_up()->size(), 0u);
+  EXPECT_EQ(shield->facts().moved, 0u);
+  root_.write(std::string(kShieldGroup) + "/cpuset.cpus.partition", "isolated invalid (no reason)\n");
+  const auto told = shield->keep_up();
+  ASSERT_TRUE(told);
+  EXPECT_NE(told->find("the kernel ended the partition"), std::string::npos) << *told;
+  EXPECT_EQ(shield->facts().mechanism, Mechanism::affinity);
+  EXPECT_EQ(read_tasks(HostFiles(), {task_.pid()}).all[0].cpus, cores_without(all_, options_.cores));
+}
+
 // Kernels before 6.2 give every task all cores when a partition ends.
 TEST_F(PartitionTest, ATasksOwnChoiceIsGivenBackByOldKernelsToo) {
   for (const bool later : {false, true}) {

@@ -107,6 +107,7 @@ void count(const std::vector<Step>& steps, Lowered& undone) {
 
 Result<Lowered> undo_all(Journal& journal, const Writer& writer, const std::vector<int>& only) {
   const Moves moves = moves_in(journal.entries());
+  const bool isolated = partition_state(HostFiles(writer.root())) == "isolated";
   const auto partition = unmake_partition(journal, writer, only);
   if (!partition) return partition.error();
   Lowered undone;
@@ -115,8 +116,8 @@ Result<Lowered> undo_all(Journal& journal, const Writer& writer, const std::vect
   count(*partition, undone);
   undone.failed.clear();  // they are tried a second time
   count(*steps, undone);
-  // In a partition no task had to be moved, so none inherited it.
-  if (partition->empty()) undone.born = widen_the_born(writer, moves, only);
+  // Under a partition no task had to be moved, so none inherited it; unless the kernel ended it.
+  if (partition->empty() || !isolated) undone.born = widen_the_born(writer, moves, only);
   undone.count += undone.born.size();
   return undone;
 }
@@ -182,16 +183,22 @@ Result<> Shield::make_partition(const ShieldPlan& plan) {
 }
 
 Result<std::string> Shield::keep_up() {
-  if (!up_ || !moves_) return std::string();
-  const std::string state = partition_ ? partition_state(HostFiles(options_.root)) : "isolated";
+  if (!up_) return std::string();
+  const HostFiles files(options_.root);
+  std::string state = partition_ ? partition_state(files) : "isolated";
+  // One that was there before, as of `lithe tune apply --partition`.
+  const bool found = facts_.mechanism == Mechanism::cpuset2 && !partition_;
+  if (found && shield_plan(files, options_.cores).mechanism != Mechanism::cpuset2) state = "not isolated";
   if (state != "isolated") {
     partition_ = false;
+    moves_ = true;
     facts_.mechanism = Mechanism::affinity;
     facts_.notes.push_back(
         fmt::format("the kernel ended the partition of cgroup v2 (\"{}\"): affinity alone keeps tasks away", state));
     const Result<> moved = move_tasks();
     return moved ? Result<std::string>(facts_.notes.back()) : moved.error();
   }
+  if (!moves_) return std::string();
   const Result<> moved = move_tasks(true);
   return moved ? Result<std::string>(std::string()) : moved.error();
 }

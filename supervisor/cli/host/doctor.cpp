@@ -4,6 +4,8 @@
 
 #include <fmt/format.h>
 
+#include <iostream>
+
 #include "host/doctor/measure/measure.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/lookup.hpp"
@@ -29,11 +31,17 @@ int core_for(const DoctorOptions& options) {
 
 // A thread that spins on the core of a running Spine would stop its robot.
 void refuse_beside_spine(const host::HostFiles& files, int cpu) {
-  for (const host::Task& each : host::read_tasks(files).all) {
+  const host::Tasks tasks = host::read_tasks(files);
+  for (const host::Task& each : tasks.all) {
     if (!each.is_spine() || !each.may_run_on(cpu)) continue;
     throw Refusal{"bad_request",
                   fmt::format("a Spine (pid {}) may run on core {}: a measurement would delay it", each.pid, cpu),
                   "stop the robot first: lithe stop; or measure another core: --cpu N"};
+  }
+  if (!tasks.is_whole()) {
+    std::cerr << fmt::format("whether a Spine runs on core {} cannot be seen ({}): it would be delayed by this", cpu,
+                             tasks.why_not_whole)
+              << std::endl;
   }
 }
 

@@ -131,6 +131,11 @@ host::Target target_of(const TuneWords& words) {
   return target;
 }
 
+void tell_left_over(const host::Lowered& left) {
+  if (left.count > 0) std::cerr << "a killed robot left its shield: " << left.count << " changes undone" << std::endl;
+  if (!left.born.empty()) std::cerr << host::born_words(left) << std::endl;
+}
+
 int tune_shield(const Context&, const TuneWords& words) {
   // Before anything is changed: from here on the shield is lowered whichever signal comes.
   sigset_t awaited, before;
@@ -138,7 +143,7 @@ int tune_shield(const Context&, const TuneWords& words) {
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGPIPE, SIGCHLD}) ::sigaddset(&awaited, number);
   ::sigprocmask(SIG_BLOCK, &awaited, &before);
   // What a killed shield left narrows the cores that we and the command inherit.
-  value_of(host::Shield::lower_left_over(), "no_shield", "wait for its end, or stop it");
+  tell_left_over(value_of(host::Shield::lower_left_over(), "no_shield", "wait for its end, or stop it"));
   const host::Target target = target_of(words);
   // The kernel moves no task away from a core that it no longer balances: this process and the command must leave it
   // first.

@@ -2,6 +2,7 @@
 // Which machine or image `lithe tune` means, and for which cores.
 #pragma once
 
+#include "host/tune/shield/shield.hpp"
 #include "host/tune/tune.hpp"
 #include "supervisor/cli/core/act.hpp"
 
@@ -12,5 +13,8 @@ host::Target place_of(const TuneWords& words);
 
 // With the robot's cores. Throws the Refusal when the words name none, or when the machine has too few.
 host::Target target_of(const TuneWords& words);
+
+// Says on standard error what a killed shield had left, and which tasks got their cores back.
+void tell_left_over(const host::Lowered& left);
 
 }  // namespace lithe::cli

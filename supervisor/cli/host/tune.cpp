@@ -142,7 +142,9 @@ int tune_plan(const Context& context, const TuneWords& words) {
 
 int tune_apply(const Context& context, const TuneWords& words) {
   if (::geteuid() == 0 && words.root.empty()) {  // a killed shield narrows the cores, and holds some of the settings
-    if (const auto left = host::Shield::lower_left_over(); !left) throw refusal_of(left.error(), "apply");
+    const auto left = host::Shield::lower_left_over();
+    if (!left) throw refusal_of(left.error(), "apply");
+    tell_left_over(*left);
   }
   const host::Target target = target_of(words);
   const host::TunePlan plan = host::tune_plan(target);

@@ -334,8 +334,17 @@ fi
 say cache_partition $cache
 limit=ok
 if group=$(grep -m1 :memory: /proc/self/cgroup); then
-  bytes=$(get "/sys/fs/cgroup/memory${group#*:memory:}/memory.limit_in_bytes")
-  if [[ -z $bytes ]]; then limit=unknown; elif ((bytes < 1 << 60)); then limit=warn; fi
+  group=/sys/fs/cgroup/memory${group#*:memory:}
+  group=${group%/}
+  while [[ $group == /sys/fs/cgroup/memory* ]]; do
+    bytes=$(get "$group/memory.limit_in_bytes")
+    if [[ -z $bytes ]]; then
+      [[ $limit == warn ]] || limit=unknown
+    elif ((bytes < 1 << 60)); then
+      limit=warn
+    fi
+    group=${group%/*}
+  done
 else
   group=/sys/fs/cgroup$(sed -n 's/^0:://p' /proc/self/cgroup)
   while [[ $group == /sys/fs/cgroup* ]]; do
