@@ -4,7 +4,9 @@
 #include <fmt/format.h>
 #include <signal.h>
 
+#include <algorithm>
 #include <cstring>
+#include <ranges>
 
 namespace lithe::trial {
 namespace {
@@ -79,6 +81,8 @@ Verdict verdict_of(const Outcome& outcome, const Limits& limits) {
     if (report.invalid_pc > report.image_base) verdict.pc_offset = report.invalid_pc - report.image_base;
   } else if (report.ended == 0 || outcome.signal != 0 || outcome.exit_code != 0) {
     verdict.reason = death_text(outcome, limits);
+  } else if (!std::ranges::all_of(report.progress | std::views::drop(1), &Progress::done)) {
+    verdict.reason = "the trial ended before all of its parts were done, and did not say why";
   }
   verdict.ok = verdict.reason.empty();
   return verdict;

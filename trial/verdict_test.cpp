@@ -18,6 +18,7 @@ namespace {
 TEST(Verdict, LiesOfAChildAreNotBelieved) {
   Report report;
   report.ended = 1;
+  for (std::size_t i = 1; i < kSections; ++i) report.progress[i].done = 1;
   const auto bytes = [&] { return std::string(reinterpret_cast<const char*>(&report), sizeof report); };
   Outcome outcome;
   outcome.started = true;
@@ -31,6 +32,10 @@ TEST(Verdict, LiesOfAChildAreNotBelieved) {
   EXPECT_FALSE(verdict_of(outcome, {}).ok) << "half a report";
   outcome.output = "";
   EXPECT_FALSE(verdict_of(outcome, {}).ok) << "no report";
+  report.progress[3].done = 0;
+  outcome.output = bytes();
+  EXPECT_FALSE(verdict_of(outcome, {}).ok) << "a part is missing";
+  report.progress[3].done = 1;
   report.section = 77;
   outcome.output = bytes();
   EXPECT_FALSE(verdict_of(outcome, {}).ok) << "no such section";

@@ -161,25 +161,27 @@ void Incidents::write(const SpineLink& spine) {
   }
   std::error_code failure;
   fs::create_directories(folder_, failure);
-  make_room();
+  const std::string data = columns.npy();
+  make_room(data.size());
   const auto ids = ids_in(folder_);
   const std::uint64_t id = std::max(last_id_, ids.empty() ? 0 : ids.back()) + 1;
   Json told = summary(spine, records);
   told["id"] = id;
   told["data"] = name_of(id) + ".npy";
-  problem_ = put(folder_ / (name_of(id) + ".npy"), columns.npy());
+  problem_ = put(folder_ / (name_of(id) + ".npy"), data);
   if (problem_.empty())
     problem_ = put(folder_ / (name_of(id) + ".json"), told.dump(2, ' ', false, Json::error_handler_t::replace) + '\n');
   if (!problem_.empty()) fs::remove(folder_ / (name_of(id) + ".npy"), failure);
   if (problem_.empty()) last_id_ = id;
 }
 
-// Deletes the oldest; also data without a summary, which a kill has left.
-void Incidents::make_room() const {
+// Deletes the oldest; also data without a summary, which a kill has left. Other people's files stay.
+void Incidents::make_room(std::uintmax_t fresh_bytes) const {
   std::error_code failure;
   auto ids = ids_in(folder_);
   for (const fs::path& path : files_in(folder_)) {
-    const bool ours = path.extension() == ".npy" || path.extension().string().starts_with(".part");
+    const bool data = path.extension() == ".npy" || path.extension().string().starts_with(".part");
+    const bool ours = data && id_of(fs::path(path.filename().string().substr(0, 4) + ".json")) != 0;
     if (ours && !fs::exists(fs::path(path).replace_extension(".json"), failure)) fs::remove(path, failure);
   }
   const auto bytes = [&] {
@@ -190,7 +192,7 @@ void Incidents::make_room() const {
     }
     return sum;
   };
-  while (!ids.empty() && (ids.size() >= kMost || bytes() > kMostBytes)) {
+  while (!ids.empty() && (ids.size() >= kMost || bytes() + fresh_bytes > kMostBytes)) {
     fs::remove(folder_ / (name_of(ids.front()) + ".json"), failure);
     fs::remove(folder_ / (name_of(ids.front()) + ".npy"), failure);
     ids.erase(ids.begin());

@@ -62,7 +62,7 @@ class Incidents {
   void write(const SpineLink& spine);
   Json summary(const SpineLink& spine, const std::vector<wire::Telemetry>& records) const;
   Json law(const SpineLink& spine, std::uint32_t law_id) const;
-  void make_room() const;
+  void make_room(std::uintmax_t fresh_bytes) const;
 
   std::filesystem::path folder_;
   const EventLog& log_;

@@ -121,6 +121,16 @@ TEST_F(IncidentsTest, AStormOfOneKindIsKeptOnceAndCounted) {
   EXPECT_EQ(incidents_.list()["incidents"].size(), 2U) << "no reason to keep anything";
 }
 
+TEST_F(IncidentsTest, OtherFilesInItsFolderStay) {
+  fs::create_directories(folder_);
+  for (const char* name : {"analysis.npy", "0001.npy"}) std::ofstream(folder_ / name) << "of somebody, and of a kill";
+  run(1, 3000);
+  tell(EventKind::armed, 900);
+  incidents_.finish(*link_);
+  EXPECT_TRUE(fs::exists(folder_ / "analysis.npy"));
+  EXPECT_EQ(show()["id"], 1) << "what a kill left of 0001 has gone";
+}
+
 TEST_F(IncidentsTest, WaitingForTheDrivesIsNoneOtherRefusalsAre) {
   run(1, 3000);
   tell(EventKind::command_refused, 10, "", static_cast<std::uint32_t>(wire::CommandResult::refused_not_ready));

@@ -208,8 +208,11 @@ void ParamChanges::settle(const Answer& answer) {
 }
 
 void ParamChanges::refuse_all(const Refusal& reason) {
-  const std::deque<Change> all = std::exchange(waiting_, {});
-  for (const Change& each : all) each.callback(reason);
+  std::deque<Change> all = std::exchange(waiting_, {});
+  for (Change& each : all) {
+    if (each.record["verdict"] == "sent") keep(each, "not_confirmed");
+    each.callback(reason);
+  }
 }
 
 void ParamChanges::on_event(const wire::Event& event) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Parameters of a law: those of a swap, and changes of the running law's, which are tried like a swap, set on one tick,
-// followed until they are confirmed.
+// Parameter values of laws: those that a swap sets, and changes to the running law's values. A change is tried like a
+// swap, set in one tick, and followed until it is confirmed.
 #pragma once
 
 #include <cstdint>

@@ -156,6 +156,15 @@ class ParamChangesTest : public SpineRig {
   std::optional<ParamChanges> changes_;
 };
 
+TEST_F(ParamChangesTest, OneThatIsUnderWayWhenTheRobotEndsIsNotConfirmed) {
+  set({{"kp", 3.0}});
+  wait_for([&] { return reaches_the_spine(); });
+  EXPECT_EQ(kept_[0]["verdict"], "sent");
+  changes_->refuse_all({"robot_fault", "the Spine is gone", "start again"});
+  EXPECT_EQ(kept_[0]["verdict"], "not_confirmed");
+  EXPECT_EQ(refusal(0).code, "robot_fault");
+}
+
 TEST_F(ParamChangesTest, ValuesThatFailTheTrialNeverReachTheSpine) {
   set({{"kp", -3.0}});
   wait_for([&] { return !answers_.empty(); });

@@ -169,11 +169,11 @@ void Swaps::remember(const SwapState& swap) {
 void Swaps::keep_record(Entry& entry) {
   remember(entry.swap);
   if (!entry.record.path.empty()) {
-    rewrite(entry.swap, entry.record);
+    entry.record_lost = rewrite(entry.swap, entry.record) ? "" : write_failed_;
   } else if (const auto page = book_.write(entry.swap.certificate(), entry.swap.request().source)) {
     entry.record = *page;
     entry.record_lost.clear();
-    write_failed_.clear();
+    if (late_.waiting() == 0) write_failed_.clear();
     drop_old_sources();
   } else {
     entry.record_lost = write_failed_ = page.message();
@@ -215,16 +215,21 @@ Json Swaps::certificates_error() const {
   return told.empty() ? Json() : Json(told);
 }
 
-void Swaps::rewrite(const SwapState& swap, const CertificateFiles::Page& record) {
+bool Swaps::rewrite(const SwapState& swap, const CertificateFiles::Page& record) {
   remember(swap);
   if (record.path.empty()) {
     late_.hold(swap.request_id(), swap.certificate());
-  } else if (const auto written = book_.rewrite(record, swap.certificate()); !written) {
+    return false;
+  }
+  if (const auto written = book_.rewrite(record, swap.certificate()); !written) {
+    late_.hold(swap.request_id(), swap.certificate(), record);
     write_failed_ = written.message();
     spdlog::warn("{}", written.message());
-  } else {
-    write_failed_.clear();
+    return false;
   }
+  late_.forget(swap.request_id());
+  if (late_.waiting() == 0) write_failed_.clear();
+  return true;
 }
 
 std::uint64_t Swaps::missed_releases() const { return help_.spine.now().missed_releases; }
@@ -266,7 +271,7 @@ void Swaps::finish(Entry entry) {
   Json certificate = swap.certificate();
   if (!entry.record.path.empty()) certificate["certificate"] = entry.record.path.filename().string();
   if (!entry.record_lost.empty()) {
-    late_.hold(swap.request_id(), certificate);
+    if (entry.record.path.empty()) late_.hold(swap.request_id(), certificate);
     certificate["record_lost"] = entry.record_lost;
   }
   if (swap.stage() == Stage::measured) {
@@ -329,7 +334,8 @@ void Swaps::come_late(const wire::Event& event) {
     swap.mark_refused(stage_refusal(static_cast<wire::StageResult>(event.code), text_of(event.text)), event.t_ns);
     tried_laws_.forget(swap.request_id());
     note(swap, "swap_refused", fmt::format("{}: after it was given up", swap.request().name));
-    return rewrite(swap, late.record);
+    rewrite(swap, late.record);
+    return;
   }
   swap.mark_committed(event.tick, event.code, event.t_ns);
   swap.note_missed_after(missed_releases());

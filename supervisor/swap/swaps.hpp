@@ -141,7 +141,8 @@ class Swaps {
   void remember(const SwapState& swap);
   void keep_record(Entry& entry);
   void drop_old_sources();
-  void rewrite(const SwapState& swap, const CertificateFiles::Page& record);
+  // False: it waits for room on the disk.
+  bool rewrite(const SwapState& swap, const CertificateFiles::Page& record);
   void note(const SwapState& swap, const char* kind, const std::string& text);
   std::uint64_t missed_releases() const;
   std::optional<Refusal> no_shadow(const SwapTerms& terms) const;

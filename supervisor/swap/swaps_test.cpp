@@ -3,6 +3,7 @@
 #include "supervisor/swap/swaps.hpp"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <fstream>
 #include <utility>
@@ -249,6 +250,19 @@ TEST_F(SwapsTest, AStepThatTakesTooLongIsRefusedAndTheNextOneStarts) {
   EXPECT_EQ(refusal(0).message, "compiling 'slow.cpp' took longer than 120 s");
   EXPECT_EQ(certificate("0001.json")["verdict"], "refused");
   EXPECT_EQ(certificate("0002.json")["verdict"], "submitted");
+}
+
+TEST_F(SwapsTest, ACertificateThatAFullDiskDidNotTakeIsWrittenWhenThereIsRoom) {
+  ask();
+  const fs::path draft = dir_ / ("0001.json.draft.part" + std::to_string(::getpid()));
+  fs::create_symlink("/dev/full", draft);  // the write that fails removes it
+  tell(EventKind::law_refused, static_cast<std::uint32_t>(wire::StageResult::dry_run_failed), 0);
+  swaps_->serve(monotonic_ns());
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_NE(refusal(0).detail["swap"].value("record_lost", "").find("disk full"), std::string::npos);
+  swaps_->serve(monotonic_ns() + 2 * kNsPerS);
+  EXPECT_EQ(certificate()["verdict"], "refused");
+  EXPECT_TRUE(swaps_->certificates_error().is_null());
 }
 
 TEST_F(SwapsTest, TheLoadersRefusalCountsAlsoWithoutItsEvent) {

@@ -118,9 +118,12 @@ Result<Finding> stop_with_safe_law(const RobotConfig& robot) {
   const std::uint32_t end = run.stats.ticks + run.ticks_in(stop_s(robot)), last = end - run.ticks_in(kLastS);
   JointArray from_rad_s{}, last_rad_s{};
   NoTorque no_torque;
-  for (std::size_t j = 0; j < robot.joints.size(); ++j) from_rad_s[j] = std::abs(run.state().velocity_rad_s[j]);
+  for (std::size_t j = 0; j < robot.joints.size(); ++j) {
+    from_rad_s[j] = std::abs(run.state().velocity_rad_s[j]);
+    run.unjudged[j] = !known(robot, robot.joints[j]);
+  }
   while (run.stats.ticks < end) {
-    if (!run.tick(no_torque) && known(robot, robot.joints[run.stats.tremor_joint])) {
+    if (!run.tick(no_torque)) {
       const LoopStats& stats = run.stats;
       return Finding{.what = Finding::What::shakes,
                      .joint = stats.tremor_joint,

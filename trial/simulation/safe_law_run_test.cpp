@@ -91,6 +91,19 @@ TEST(SafeLawRun, ARealJointIsSimulatedAsItIsDeclaredAndNotAsItIsAssumed) {
   EXPECT_EQ(*run_safe_law(*robot), "");
 }
 
+TEST(SafeLawRun, AJointThatIsNotJudgedHidesNoneThatShakes) {
+  std::ostringstream text;
+  text << std::ifstream(LITHE_ROBOTS "/arm8.toml").rdbuf();
+  std::string arms = text.str();
+  arms.replace(arms.find("kind = \"loop\""), 13, "kind = \"socketcan\"\ninterface = \"can0\"");
+  auto robot = robot::parse_robot(arms, "arm8.toml");
+  ASSERT_TRUE(robot) << robot.message();
+  robot->joints[0].safe_kd_nm_s_rad = robot->joints[1].safe_kd_nm_s_rad = 0.95;
+  robot->joints[0].inertia_declared = false;
+  const std::string said = *run_safe_law(*robot);
+  EXPECT_TRUE(says(said, "joint " + robot->joints[1].name + ": safe_kd_nm_s_rad = 0.95 shakes it")) << said;
+}
+
 // How far the check of the file and the run agree: where the simulation is what the file declares, no gain that the
 // file's check lets pass shakes, for kd and the delay. Where it is lighter than declared, only the run finds out.
 TEST(SafeLawRun, WhatTheFilesCheckLetsPassStopsWellWhereTheFileIsTrue) {

@@ -289,7 +289,7 @@ void SimulatedRun::count(const step::Report& report) {
       if (held_nm > std::abs(held_[j].wanted_nm - held_[j].given_nm))
         held_[j] = {stats.ticks, wanted_nm, given_nm, tick.position_rad[j], tick.velocity_rad_s[j]};
     }
-    tremor_.see(tick, j, wanted_nm);
+    unjudged[j] ? tremor_.skip(j) : tremor_.see(tick, j, wanted_nm);
     if (!stopping_) {
       sums[j].see({tick.setpoint_position_rad[j], tick.position_rad[j], tick.velocity_rad_s[j],
                    tick.setpoint_velocity_rad_s[j], wanted_nm},

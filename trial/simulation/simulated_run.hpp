@@ -92,6 +92,7 @@ class SimulatedRun : Pinned {
 
   LoopStats stats;
   std::array<law::JointSums, kMaxJoints> sums{};  // until stop()
+  std::array<bool, kMaxJoints> unjudged{};        // may be set: these joints may shake
 
  private:
   void watch();

@@ -43,7 +43,8 @@ Source read_law(const std::string& law) {
     const fs::path known = laws_dir() / (path.extension() == ".cpp" ? law : law + ".cpp");
     path = fs::exists(known, failure) ? known : path;
   }
-  if (const std::string kind = path.extension(); fs::exists(path, failure) && kind != ".cpp" && kind != ".cc") {
+  if (const std::string kind = path.extension();
+      fs::is_regular_file(path, failure) && kind != ".cpp" && kind != ".cc") {
     throw Refusal{"no_source", fmt::format("{} is not taken for a law: its name does not end in .cpp", path.string()),
                   "give the path of one C++ file, or a name that lithe law list shows"};
   }

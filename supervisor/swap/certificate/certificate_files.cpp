@@ -261,8 +261,10 @@ fs::path LawTexts::find(const std::string& law) const {
   return found != texts_.end() ? found->second : fs::path();
 }
 
-void LateCertificates::hold(std::uint64_t request_id, Json certificate) {
-  late_[request_id].certificate = std::move(certificate);
+void LateCertificates::hold(std::uint64_t request_id, Json certificate, const CertificateFiles::Page& page) {
+  Late& late = late_[request_id];
+  late.certificate = std::move(certificate);
+  if (late.page.path.empty()) late.page = page;
   if (late_.size() > kMost) late_.erase(late_.begin());
 }
 

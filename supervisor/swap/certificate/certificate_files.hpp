@@ -99,8 +99,10 @@ class LateCertificates {
   static constexpr std::size_t kMost = 256;
   static constexpr std::int64_t kPauseNs = 1'000'000'000;  // between two tries
 
-  // Stores the newest version of a certificate that has no file.
-  void hold(std::uint64_t request_id, Json certificate);
+  // Stores the newest version of a certificate that could not be written; `page`: its file, when it has one already.
+  void hold(std::uint64_t request_id, Json certificate, const CertificateFiles::Page& page = {});
+  // Its newest version is on disk.
+  void forget(std::uint64_t request_id) { late_.erase(request_id); }
   // Writes waiting certificates until one fails again; most calls do nothing.
   void retry(CertificateFiles& book, std::int64_t now_ns);
   std::size_t waiting() const;
