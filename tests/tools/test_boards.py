@@ -43,6 +43,7 @@ def tuned(**changes: Any) -> list[str]:
         "plan": {"changes": [{"item": "irq_default"}]},
         "settings": f"{IRQ} 0-3\n/proc/sys/vm/stat_interval 1",
         "apply": {"steps": [{"kind": "setting", "path": IRQ, "outcome": "done"}]},
+        "settings_tuned": f"{IRQ} 0,2\n/proc/sys/vm/stat_interval 1",
         "settings_after": f"{IRQ} 0-3\n/proc/sys/vm/stat_interval 1",
         "files_after": "d41d8cd98f00b204e9800998ecf8427e  /etc/default/grub",
     }
@@ -71,6 +72,8 @@ def test_a_board_that_is_as_it_must_be_passes() -> None:
         ({"plan": {"changes": [{"item": "boot_line"}]}}, "not content with the boot line"),
         ({"settings_after": f"{IRQ} 0,2"}, f"not given back by revert: {IRQ}"),
         ({"apply": {"steps": []}}, "apply changed no setting"),
+        ({"settings_tuned": f"{IRQ} 0-3"}, f"apply said done, and did not change: {IRQ}"),
+        ({"settings_tuned": ""}, "nobody looked at the settings after apply"),
         ({"files_after": "d41d8cd98f00b204e9800998ecf8427e  /etc/default/grub.d/99-lithe.cfg"}, "files after revert"),
     ],
 )
@@ -91,11 +94,18 @@ def partition(tier: str, script: str = SCRIPT) -> list[str]:
         "status": {"cpus": {"spine": 1, "spine_core": {"isolation": "cpuset"}}},
         "settings": f"{IRQ} 0-3",
         "apply": {"steps": [{"kind": "setting", "path": IRQ, "outcome": "done"}]},
+        "settings_tuned": f"{IRQ} 0,2",
         "settings_after": f"{IRQ} 0-3",
     }
     verdict = Verdict("x")
     board_x.judge_partition(verdict, steps(**right))
     return verdict.wrong
+
+
+def test_a_step_that_a_board_has_not_is_refused() -> None:
+    assert board_systems.chosen(("swaps", "demo"), "demo") == ("demo",)
+    with pytest.raises(ValueError, match="--only swap: no such step; there are swaps, demo"):
+        board_systems.chosen(("swaps", "demo"), "swap")
 
 
 def test_a_partition_is_tier_b_and_nothing_else() -> None:

@@ -82,6 +82,7 @@ def soak(asked: argparse.Namespace) -> int:
         interrupted = True
     finally:
         run.close()
+    broken = run.watch.broken or broken  # it may have seen the cause before the action ended, or before Ctrl-C
     told = report(state, broken, interrupted)
     (asked.out / "soak.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
     print(("\n" if sys.stdout.isatty() else "") + one_line(told))

@@ -253,7 +253,8 @@ def helper_kill(soak: Soak, random: Random) -> None:
             os.kill(pid, signal.SIGKILL)
     if asked is not None:
         code = asked.wait()
-        soak.judge.answer("swap", code or "disconnected")
+        soak.judge.holds("answers", code != "", f"a swap during which {name} was killed was never answered")
+        soak.judge.answer("swap", code)
     until = time.monotonic() + REPLACED_S
     while (now := int(soak.rig.status()[f"{name}_pid"])) in (0, pid):
         soak.judge.holds("processes", time.monotonic() < until, f"{name} was killed, and not replaced (pid {now})")

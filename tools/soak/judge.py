@@ -30,6 +30,11 @@ BAD = JointStatus.fault | JointStatus.lost | JointStatus.garbled | JointStatus.c
 IN_A_ROW = 3  # samples beyond: the guard sees one, and its stop shows in the next tick
 STILL_S = 30.0  # a Spine that has not ticked for so long does not tick; a busy machine may stop it for seconds
 COMMITTED = frozenset({"committed", "unproven", "confirmed", "rolled_back"})
+REFUSED_AT = {
+    "compile": ["compile_failed"],
+    "admission": ["admission_failed"],
+    "trial": ["trial_failed", "dry_run_failed"],
+}
 UNKNOWN = frozenset({"timeout", "robot_fault", "stopping"})  # after these answers the law may still be committed
 
 
@@ -163,10 +168,12 @@ class Judge:
         self._note("refused_law")
 
     def must_be_refused(self, law: str, stage: str, code: str) -> None:
-        """The answer to a hostile law that an earlier stage than the tick must stop."""
-        if code == "ok":
-            raise Broken("refused_law", f"{law} was accepted; {stage} must refuse it")
-        self._note("refused_law")
+        """The answer to a hostile law that an earlier stage than the tick must stop. Other codes say nothing of it."""
+        if code == "ok" or any(code in codes for other, codes in REFUSED_AT.items() if other != stage):
+            what = "accepted" if code == "ok" else f"refused as {code}"
+            raise Broken("refused_law", f"{law} was {what}; {stage} must refuse it")
+        if code in REFUSED_AT[stage]:
+            self._note("refused_law")
 
     def holds(self, invariant: str, what: bool, why: Callable[[], str] | str, **worst: float) -> None:
         """Any other check."""

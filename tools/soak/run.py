@@ -162,6 +162,8 @@ def one_line(told: dict[str, Any]) -> str:
         return (f"BROKEN at action {broken['action']} ({broken['action_name']}), seed {told['seed']}: "
                 f"{broken['invariant']}: {broken['why']}\n  repeat: {broken['repeat']}")  # fmt: skip
     left = "".join(f"; not done: {name} ({why})" for name, why in told["not_done"].items())
+    unseen = [name for name, each in told["invariants"].items() if not each["checked"]]
+    left += f"; not checked: {', '.join(unseen)}" if unseen else ""
     word = "held" if told["verdict"] == "held" else "held so far (interrupted; --resume goes on)"
     checks = sum(each["checked"] for each in told["invariants"].values())
     return f"{word}: {done}, {checks} checks of {len(told['invariants'])} invariants{left}"

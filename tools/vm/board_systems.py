@@ -76,8 +76,10 @@ def for_tests(folder: Path) -> dict[str, bytes]:
 
 
 def chosen(steps: tuple[str, ...], only: str) -> tuple[str, ...]:
-    """Those of the steps that were asked for."""
+    """Those of the steps that were asked for. ValueError: this board has no such step."""
     wanted = set(only.split(",")) if only else set(steps)
+    if unknown := wanted - set(steps):
+        raise ValueError(f"--only {','.join(sorted(unknown))}: no such step; there are {', '.join(steps)}")
     return tuple(step for step in steps if step in wanted)
 
 

@@ -135,6 +135,10 @@ def expect_given_back(verdict: Verdict, steps: dict[str, Step], boot: str) -> in
     verdict.expect(bool(made), f"{boot}: apply changed no setting")
     failed = [f"{step['path']}: {step.get('reason')}" for step in made if step["outcome"] != "done"]
     verdict.expect(not failed, f"{boot}: not applied: {'; '.join(failed)}")
+    tuned = settings(steps, "settings-tuned")
+    untouched = [path for each in made if (path := each["path"]) in tuned and tuned[path] == before.get(path)]
+    verdict.expect(bool(tuned), f"{boot}: nobody looked at the settings after apply")
+    verdict.expect(not untouched, f"{boot}: apply said done, and did not change: {', '.join(untouched)}")
     return len(made)
 
 

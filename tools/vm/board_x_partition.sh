@@ -19,6 +19,7 @@ step partition partition
 step doctor-partition told lithe --json doctor --cpu 1
 step expected-partition bash /doctor_expected.sh 1
 step apply told lithe --json tune apply --cores 1
+step settings-tuned settings
 step doctor-tuned told lithe --json doctor --cpu 1
 step expected-tuned bash /doctor_expected.sh 1
 step enter enter $group

@@ -128,9 +128,9 @@ def test_what_cannot_be_served_is_refused_with_a_reason(tmp_path: Path) -> None:
 
     arm = str(ROOT / "robots" / "arm.toml")
     code, why = refused("nothing.toml")
-    assert code == 1 and "nothing.toml: No such file" in why
+    assert code == 2 and "nothing.toml: No such file" in why
     code, why = refused(arm, "--fault", "{}")
-    assert code == 1 and "must be one of drop" in why
+    assert code == 2 and "must be one of drop" in why
     assert refused()[0] == 2
     assert refused(arm, "--jump")[0] == 2
     canned = tmp_path / "canned.toml"

@@ -38,7 +38,7 @@ def test_a_first_law_that_is_no_file_is_refused_with_the_reason(rig: RobotRig) -
     """It ended in "the supervisor itself went wrong", or read without end."""
     for said, path in no_files(rig.dir).items():
         process = rig.run("--law", str(path), wait=False)
-        assert process.wait(60) == 1, (path, rig.log())
+        assert process.wait(60) == 2, (path, rig.log())
         assert said in rig.log() and "--law FILE" in rig.log() and "went wrong" not in rig.log()
     assert rig.segments() == []
 
