@@ -380,11 +380,12 @@ STEPS: dict[str, Callable[[], dict[str, Any]]] = {
 
 def main() -> int:
     """One after the other; one that fails keeps no other back."""
+    cores = os.sched_getaffinity(0)
     for name in sys.argv[1:]:
         started = time.monotonic()
         # A Brain keeps its process on its own core; a robot that the next step starts would have to live there, too:
         # without a Transport, and so without the filter of a law's system calls.
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+        os.sched_setaffinity(0, cores)
         print(f"vm: begin {name}", flush=True)
         try:
             told, code = STEPS[name](), 0
