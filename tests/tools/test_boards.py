@@ -102,27 +102,6 @@ def partition(tier: str, script: str = SCRIPT) -> list[str]:
     return verdict.wrong
 
 
-def test_a_step_that_a_board_has_not_is_refused() -> None:
-    assert board_systems.chosen(("swaps", "demo"), "demo") == ("demo",)
-    with pytest.raises(ValueError, match="--only swap: no such step; there are swaps, demo"):
-        board_systems.chosen(("swaps", "demo"), "swap")
-
-
-def test_each_step_has_all_cores_also_after_a_brain(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def brain() -> dict[str, Any]:
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-        return {}
-
-    monkeypatch.setattr(on_board, "STEPS", {"brain": brain, "next": lambda: {"cores": len(os.sched_getaffinity(0))}})
-    monkeypatch.setattr(sys, "argv", ["on_board.py", "brain", "next"])
-    cores = os.sched_getaffinity(0)
-    on_board.main()
-    os.sched_setaffinity(0, cores)
-    assert f'"cores": {len(cores)}' in capsys.readouterr().out
-
-
 def test_a_partition_is_tier_b_and_nothing_else() -> None:
     assert partition("B-v") == []
     assert [tier for tier in ("A-v", "C-v", "D-v", "B") if partition(tier)] == ["A-v", "C-v", "D-v", "B"]

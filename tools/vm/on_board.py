@@ -383,9 +383,7 @@ def main() -> int:
     cores = os.sched_getaffinity(0)
     for name in sys.argv[1:]:
         started = time.monotonic()
-        # A Brain keeps its process on its own core; a robot that the next step starts would have to live there, too:
-        # without a Transport, and so without the filter of a law's system calls.
-        os.sched_setaffinity(0, cores)
+        os.sched_setaffinity(0, cores)  # a Brain has narrowed them: the next robot would lack Transport and filter
         print(f"vm: begin {name}", flush=True)
         try:
             told, code = STEPS[name](), 0
