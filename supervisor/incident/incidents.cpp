@@ -180,8 +180,9 @@ void Incidents::make_room(std::uintmax_t fresh_bytes) const {
   std::error_code failure;
   auto ids = ids_in(folder_);
   for (const fs::path& path : files_in(folder_)) {
+    const std::string name = path.filename().string();
     const bool data = path.extension() == ".npy" || path.extension().string().starts_with(".part");
-    const bool ours = data && id_of(fs::path(path.filename().string().substr(0, 4) + ".json")) != 0;
+    const bool ours = data && id_of(name.substr(0, name.find('.')) + ".json") != 0;
     if (ours && !fs::exists(fs::path(path).replace_extension(".json"), failure)) fs::remove(path, failure);
   }
   const auto bytes = [&] {

@@ -123,11 +123,12 @@ TEST_F(IncidentsTest, AStormOfOneKindIsKeptOnceAndCounted) {
 
 TEST_F(IncidentsTest, OtherFilesInItsFolderStay) {
   fs::create_directories(folder_);
-  for (const char* name : {"analysis.npy", "0001.npy"}) std::ofstream(folder_ / name) << "of somebody, and of a kill";
+  for (const char* name : {"analysis.npy", "2026_run.npy", "0001.npy"})
+    std::ofstream(folder_ / name) << "of somebody, and of a kill";
   run(1, 3000);
   tell(EventKind::armed, 900);
   incidents_.finish(*link_);
-  EXPECT_TRUE(fs::exists(folder_ / "analysis.npy"));
+  EXPECT_TRUE(fs::exists(folder_ / "analysis.npy") && fs::exists(folder_ / "2026_run.npy"));
   EXPECT_EQ(show()["id"], 1) << "what a kill left of 0001 has gone";
 }
 

@@ -104,7 +104,8 @@ def test_a_measurement_fills_in_what_no_file_tells() -> None:
     assert [each["rate_hz"] for each in seen["rates"]] == [250, 500, 1000, 2000, 4000, 8000]
     assert all(each["holds"] == (each["lost_share"] <= 1e-3) for each in seen["rates"])
     assert states(told)["bound_kernel_threads"] in ("ok", "warn")
-    assert states(told)["release_phase"] in ("ok", "warn", "unknown")  # gaps above 500 us alone tell no phase
+    no_phase = seen["gaps_per_s"] > 0 and not any(seen["phase_share"])  # gaps above 500 us alone tell none
+    assert states(told)["release_phase"] in (("unknown",) if no_phase else ("ok", "warn"))
 
 
 def test_beside_a_spine_it_reads_and_does_not_measure(tmp_path: Path) -> None:
