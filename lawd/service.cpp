@@ -24,7 +24,7 @@ namespace lithe::lawd {
 namespace {
 
 using nlohmann::json;
-constexpr std::size_t kMaxSourceBytes = std::size_t{1} << 20;
+constexpr std::size_t kMaxJobSourceBytes = std::size_t{1} << 20;
 constexpr std::uintmax_t kMostCacheBytes = std::uintmax_t{256} << 20;  // about 3,500 laws
 constexpr unsigned kStoresBetweenTidying = 100;
 constexpr std::size_t kMaxLinks = 64;  // two laws in every slot, and a reserve
@@ -134,7 +134,8 @@ json Service::compile(const json& request) {
   if (!budget_ns.is_null() && !(budget_ns.is_number() && budget_ns > 0))
     return refuse("request", "\"budget_ns\" is how long one step may take: a number above 0, or left out");
   Job job{request["source"], safe_name(name.is_string() ? name.get<std::string>() : ""), "", joints};
-  if (job.source.size() > kMaxSourceBytes) return refuse_whole("compile", job.name, "the source is larger than 1 MiB");
+  if (job.source.size() > kMaxJobSourceBytes)
+    return refuse_whole("compile", job.name, "the source is larger than 1 MiB");
   Admission unclear;
   const Cleaned cleaned = clean_source(job.source, unclear);
   if (!unclear.ok()) return refuse_admission(unclear, job.name, job.source);

@@ -17,14 +17,14 @@
 namespace lithe::lawd {
 namespace {
 
-bool is_word(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_'; }
+bool in_name(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_'; }
 
 // "Law::step(...)::count" -> "count"; "(anonymous namespace)::table" -> "table"; "f()::k [clone]" -> "k".
 std::string_view last_word(std::string_view name) {
   if (const auto clone = name.find(" ["); clone != std::string_view::npos) name = name.substr(0, clone);
-  while (!name.empty() && !is_word(name.back())) name.remove_suffix(1);
+  while (!name.empty() && !in_name(name.back())) name.remove_suffix(1);
   std::size_t from = name.size();
-  while (from > 0 && is_word(name[from - 1])) --from;
+  while (from > 0 && in_name(name[from - 1])) --from;
   return name.substr(from);
 }
 

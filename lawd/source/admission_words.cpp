@@ -123,7 +123,7 @@ constexpr std::string_view kAttributes =
 constexpr std::string_view kGnuAttributes = " always_inline noinline flatten hot cold pure const ";
 
 // Prefix of a name, and what to use instead. The first match counts.
-constexpr std::array kAdvice = std::to_array<Word>({
+constexpr std::array kWordAdvice = std::to_array<Word>({
     {"operator new", kNoHeap},
     {"operator delete", kNoHeap},
     {"std::__throw",
@@ -223,7 +223,7 @@ std::string why_symbol_is_refused(std::string_view symbol, std::string_view read
   const std::string_view bare = readable.substr(0, readable.find('('));
   for (const Group& group : kGroups)
     if (has(group.names, bare) || has(group.names, symbol)) return std::string(group.why);
-  for (const Word& entry : kAdvice)
+  for (const Word& entry : kWordAdvice)
     if (readable.starts_with(entry.word)) return std::string(entry.why);
   if (symbol.ends_with("l") && is_allowed_symbol(symbol.substr(0, symbol.size() - 1)))
     return "long double is not the same on every machine: use double";

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,8 @@ namespace lithe::robot {
 
 // "auto": the program chooses the core (docs/rt.md).
 inline constexpr int kAutoCpu = -1;
+// A number that the file does not give.
+inline constexpr double kUnsaid = std::numeric_limits<double>::quiet_NaN();
 
 enum class Release { spin, hybrid, sleep };                // how the Spine waits for the next release
 enum class TransportPlace { automatic, thread, inlined };  // where the buses are served

@@ -10,7 +10,7 @@
 namespace lithe::trial {
 namespace {
 
-constexpr std::uint64_t kFirstStep = 100, kSteps = 8;  // of a robot that moves
+constexpr std::uint64_t kFirstStep = 100, kMovingSteps = 8;  // of a robot that moves
 
 struct Output {
   const char* name;
@@ -28,7 +28,7 @@ bool same_output(TrialContext& context, const JointInput& input, std::size_t fro
   context.one.reset();
   context.other.reset();
   Tick tick, other;
-  for (std::uint64_t k = 0; k < kSteps; ++k) {
+  for (std::uint64_t k = 0; k < kMovingSteps; ++k) {
     law::dry_input(tick, kFirstStep + k, context.joints());
     other = tick;
     for (std::size_t j = from; j < to; ++j) (other.*input.values)[j] = 1 + 0.5 * static_cast<double>(j + k);

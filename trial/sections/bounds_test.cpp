@@ -13,29 +13,29 @@ namespace {
 
 constexpr std::uint32_t kJoints = 2;  // of the robot that the laws are tried for
 
-struct NoParamsNoState {
+struct BareLaw {
   struct Params {};
   struct State {};
 };
-struct WritesTorque : NoParamsNoState {
+struct WritesTorque : BareLaw {
   static void step(const Tick& t, const Params&, State&, Effort& u) {
     for (std::size_t j = 0; j < 6; ++j) u.torque_nm[j] = 0.1 + 0 * t.position_rad[0];
   }
 };
-struct WritesPosition : NoParamsNoState {
+struct WritesPosition : BareLaw {
   static void step(const Tick&, const Params&, State&, Effort& u) { u.position_rad[31] = 0.5; }
 };
-struct ComputesAll : NoParamsNoState {  // nothing to see while the inputs there are zero
+struct ComputesAll : BareLaw {  // nothing to see while the inputs there are zero
   static void step(const Tick& t, const Params&, State&, Effort& u) {
     for (std::size_t j = 0; j < kMaxJoints; ++j) u.torque_nm[j] = -0.1 * t.velocity_rad_s[j];
   }
 };
-struct ReadsNeighbour : NoParamsNoState {  // the last joint has none
+struct ReadsNeighbour : BareLaw {  // the last joint has none
   static void step(const Tick& t, const Params&, State&, Effort& u) {
     for (std::size_t j = 0; j < t.joints; ++j) u.torque_nm[j] = t.setpoint_position_rad[j + 1] - t.position_rad[j];
   }
 };
-struct ReadsLate : NoParamsNoState {
+struct ReadsLate : BareLaw {
   struct Probes {
     double sum = 0;
   };

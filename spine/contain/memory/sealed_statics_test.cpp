@@ -28,7 +28,7 @@ int in_a_child(What what) {
   return WIFSIGNALED(status) ? -WTERMSIG(status) : WEXITSTATUS(status);
 }
 
-LITHE_BAD void write_word(void* word) { *static_cast<volatile std::uint64_t*>(word) = 0xbad; }
+LITHE_BAD void write_static(void* word) { *static_cast<volatile std::uint64_t*>(word) = 0xbad; }
 
 int write_from_a_law(volatile std::uint64_t& word) {
   if (!install_handlers()) return kNoBarrier;
@@ -38,7 +38,7 @@ int write_from_a_law(volatile std::uint64_t& word) {
   if (!sealed) return kNotSealed;
   auto* const address = const_cast<std::uint64_t*>(&word);
   const std::uint64_t before = word;
-  const Failure failure = barrier->run(kNoDeadline, write_word, address);
+  const Failure failure = barrier->run(kNoDeadline, write_static, address);
   if (word != before) return kWasWritten;
   const bool named =
       failure.kind == wire::LawFaultKind::bad_access && failure.address == reinterpret_cast<std::uintptr_t>(address);
@@ -56,7 +56,7 @@ TEST(SealedStatics, WithoutItTheWriteIsNotNoticed) {
     if (!install_handlers()) return kNoBarrier;
     Result<FaultBarrier> barrier = FaultBarrier::open();
     if (!barrier) return kNoBarrier;
-    const Failure failure = barrier->run(kNoDeadline, write_word, const_cast<std::uint64_t*>(&g_zero));
+    const Failure failure = barrier->run(kNoDeadline, write_static, const_cast<std::uint64_t*>(&g_zero));
     return !failure && g_zero == 0xbad ? kWasWritten : kWrongTrouble;
   };
   EXPECT_EQ(in_a_child(unsealed), kWasWritten);

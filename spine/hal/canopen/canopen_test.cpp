@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/canopen/canopen.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
@@ -16,8 +17,6 @@
 
 namespace lithe::hal::canopen {
 namespace {
-
-constexpr std::int64_t kMs = 1'000'000;
 
 // As `candump` writes it: 601#40001000...
 std::string text(const Frame& frame) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/cia402/cia402_unit_check.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +10,6 @@
 namespace lithe::hal::cia402 {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr double kCountsPerRev = 4096;
 
 // Two seconds of a motor that swings between two speeds [rev/s], told `unit` times as fast as it is; whether it passes.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/moteus/moteus_codec.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
@@ -14,7 +15,6 @@
 namespace lithe::hal::moteus::codec_test {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 using List = std::vector<double>;
 
 std::string hex(const Frame& frame) {

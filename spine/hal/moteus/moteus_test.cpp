@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/moteus/moteus.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +8,6 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <numbers>
 #include <random>
 
 #include "spine/hal/moteus/moteus_codec.hpp"
@@ -15,9 +15,6 @@
 
 namespace lithe::hal::moteus {
 namespace {
-
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr double kTurn = 2 * std::numbers::pi;
 
 // What the drive will have in its registers after this frame.
 std::map<std::uint32_t, double> written(const Frame& frame) {

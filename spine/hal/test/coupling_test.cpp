@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/physics/coupling.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
@@ -17,8 +18,6 @@ namespace lithe::hal::sim {
 namespace {
 
 using moteus::Mode;
-
-constexpr std::int64_t kMs = 1'000'000;
 
 ChainParams two_links() {
   ChainLink link;

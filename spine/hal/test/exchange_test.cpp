@@ -6,6 +6,7 @@
 #include <memory>
 #include <vector>
 
+#include "spine/core/test/units_rig.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/bus/loop/loop_bus.hpp"
 #include "spine/hal/bus_actuators.hpp"
@@ -16,8 +17,6 @@
 
 namespace lithe::hal {
 namespace {
-
-constexpr std::int64_t kMs = 1'000'000;
 
 // A loop whose answers arrive a while after flush(), and which goes on saying so for `wait_ns`.
 class SlowBus final : public Bus {

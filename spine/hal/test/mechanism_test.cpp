@@ -7,11 +7,11 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
-#include <limits>
 #include <string>
 #include <vector>
 
 #include "spine/core/test/no_alloc_rig.hpp"
+#include "spine/core/test/units_rig.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
@@ -20,15 +20,14 @@
 namespace lithe::hal {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr std::int64_t kTickNs = 1'000'000;
 
 // What each joint moves: the same numbers for a chain and for a model.
-struct Link {
+struct ChainLink {
   const char* kind;  // of its drive
   double length_m, mass_kg, center_m, inertia_kg_m2, rotor_kg_m2, viscous_nm_s_rad, start_rad;
 };
-const std::vector<Link> kArm = {
+const std::vector<ChainLink> kArm = {
     {"cia402", 0.30, 0.8, 0.14, 6e-3, 4e-2, 8e-2, 0.3},
     {"moteus", 0.25, 0.4, 0.12, 2e-3, 4e-3, 3e-2, -0.4},
     {"moteus", 0.20, 0.2, 0.09, 8e-4, 4e-3, 3e-2, 0.2},
@@ -45,7 +44,7 @@ std::string number(double value) {
   return text;
 }
 
-std::string robot_text(const std::vector<Link>& links, const std::string& plant, bool with_links) {
+std::string robot_text(const std::vector<ChainLink>& links, const std::string& plant, bool with_links) {
   std::string text =
       "name = \"r\"\n" + plant +
       "[guard]\nsoft_start_s = 0\n[[bus]]\nname = \"moteus\"\nkind = \"loop\"\n[[bus]]\nname = \"cia402\"\nkind = "
@@ -53,7 +52,7 @@ std::string robot_text(const std::vector<Link>& links, const std::string& plant,
       "data_bitrate = 0\n[defaults.joint]\nposition_min_rad = -3\nposition_max_rad = 3\n"
       "velocity_max_rad_s = 99\ntorque_max_nm = 9\ntorque_slew_nm_s = 1e5\nsafe_kd_nm_s_rad = 0.1\nratio = 6\n";
   for (std::size_t i = 0; i < links.size(); ++i) {
-    const Link& link = links[i];
+    const ChainLink& link = links[i];
     const std::string n = std::to_string(i + 1);
     text += "[[device]]\nname = \"d" + n + "\"\nkind = \"" + link.kind + "\"\nbus = \"" + link.kind + "\"\nid = " + n +
             "\nwatchdog_s = 0.2\n" + (link.kind == std::string("cia402") ? "rated_torque_nm = 0.6\n" : "") +
@@ -74,13 +73,13 @@ robot::RobotConfig parsed(const std::string& text) {
   return *config;
 }
 
-robot::RobotConfig chain_of(const std::vector<Link>& links) {
+robot::RobotConfig chain_of(const std::vector<ChainLink>& links) {
   return parsed(robot_text(links, "[plant]\nkind = \"chain\"\n", true));
 }
 
 // Hinges about z in the plane of x and y, gravity along -y; nothing touches anything. One position actuator, which
 // would hold the first joint if it were not off.
-std::string model_of(const std::vector<Link>& links) {
+std::string model_of(const std::vector<ChainLink>& links) {
   std::string open, close;
   double above = 0;
   for (std::size_t i = 0; i < links.size(); ++i) {
@@ -96,7 +95,8 @@ std::string model_of(const std::vector<Link>& links) {
          "</worldbody><actuator><position joint='j1' kp='100'/></actuator></mujoco>";
 }
 
-robot::RobotConfig model_robot(const std::vector<Link>& links, const std::string& xml, const std::string& more = "") {
+robot::RobotConfig model_robot(const std::vector<ChainLink>& links, const std::string& xml,
+                               const std::string& more = "") {
   const std::string path = scratch("model.xml");
   std::ofstream(path) << xml;
   return parsed(robot_text(links, "[plant]\nkind = \"mujoco\"\nmodel = \"" + path + "\"\n" + more, false));
@@ -141,8 +141,8 @@ struct Robot {
   if ((robot).why.find("libmujoco-dev") != std::string::npos) GTEST_SKIP() << (robot).why
 
 TEST(Mechanism, ATorqueAtTheBaseMovesWhatHangsOnIt) {
-  std::vector<Link> hanging = kArm;
-  for (Link& link : hanging) link.start_rad = 0;
+  std::vector<ChainLink> hanging = kArm;
+  for (ChainLink& link : hanging) link.start_rad = 0;
   Robot robot(chain_of(hanging));
   ASSERT_EQ(robot.why, "");
   robot.arm();
@@ -245,7 +245,7 @@ TEST(Mechanism, AModelInMujocoAndTheBuiltInChainMoveAlikeUnderTheSameDrives) {
 }
 
 TEST(Mechanism, AResetPutsTheJointsOfAModelBackWhereTheyBegan) {
-  std::vector<Link> links = kArm;
+  std::vector<ChainLink> links = kArm;
   links[0].start_rad = 0.4;
   Robot robot(model_robot(links, model_of(links)));
   NEED_MUJOCO(robot);
@@ -259,7 +259,7 @@ TEST(Mechanism, AResetPutsTheJointsOfAModelBackWhereTheyBegan) {
 }
 
 TEST(Mechanism, ATwinWithAnotherMassIsToldApart) {
-  std::vector<Link> heavier = kArm;
+  std::vector<ChainLink> heavier = kArm;
   heavier[2].mass_kg *= 1.05;
   Robot theirs(model_robot(kArm, model_of(heavier)));
   NEED_MUJOCO(theirs);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole stack as the loop sees it: joint commands in, joint states out, real frames in between.
 #include "spine/hal/robot_hardware.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <limits>
 #include <numbers>
 
 #include "spine/core/test/no_alloc_rig.hpp"
@@ -17,7 +17,6 @@
 namespace lithe::hal {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr std::int64_t kTickNs = 1'000'000;
 
 robot::RobotConfig desk_arm() {

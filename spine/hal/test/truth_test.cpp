@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/physics/truth.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
@@ -15,7 +16,6 @@ namespace {
 
 using moteus::Mode;
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kStartNs = 1'000 * kMs;
 
 ServoCommand torque_command(double torque_nm) {

@@ -4,15 +4,12 @@
 #include <fmt/format.h>
 
 #include <cmath>
-#include <limits>
 
 namespace lithe::robot {
 namespace {
 
-constexpr double kBig = 1.0e6;
 constexpr double kLeastInertia = 1.0e-7;
 constexpr double kDriveStepS = 5.0e-5;  // step of the simulated drives
-constexpr double kUnsaid = std::numeric_limits<double>::quiet_NaN();
 
 void read_link(Reader& in, PlantConfig& sim) {
   in.number("length_m", sim.length_m, {0.0, 100.0});

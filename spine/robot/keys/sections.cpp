@@ -8,7 +8,6 @@
 namespace lithe::robot {
 namespace {
 
-constexpr double kBig = 1.0e6;
 constexpr double kSmall = 1.0e-9;
 
 template <class Rows>

@@ -10,6 +10,8 @@
 
 namespace lithe::robot {
 
+inline constexpr double kBig = 1.0e6;  // the end of the range of a key that has no other
+
 void read_spine(Reader& in, SpineConfig& spine);
 void read_guard(Reader& in, GuardConfig& guard);
 void read_brain(Reader& in, BrainConfig& brain);

@@ -5,14 +5,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "spine/robot/limits/stopping.hpp"
 
 namespace lithe::robot {
 namespace {
-
-constexpr double kUnsaid = std::numeric_limits<double>::quiet_NaN();
 
 // A simulation is never exactly what is simulated: so much more load and inertia than it says, and less where that is
 // worse.

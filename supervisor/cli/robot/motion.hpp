@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <numbers>
 #include <variant>
 
 #include "spine/wire/wire.hpp"
@@ -11,6 +12,8 @@
 #include "supervisor/core/answer.hpp"
 
 namespace lithe::cli {
+
+inline constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 
 struct Move {
   wire::Plan plan;

@@ -7,7 +7,6 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -31,7 +30,6 @@ namespace {
 using Spine = ipc::Segment<ipc::SpineMemory>;
 using Brain = ipc::Segment<ipc::BrainMemory>;
 
-constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 constexpr auto kLookEvery = std::chrono::milliseconds(5);  // and a heartbeat each time
 constexpr std::int64_t kSettleNs = kNsPerS;
 

@@ -83,7 +83,7 @@ int top(const Context& context, int turns) {
 
 namespace {
 
-constexpr auto kLookEvery = std::chrono::milliseconds(100);
+constexpr auto kStatusEvery = std::chrono::milliseconds(100);
 
 // The Spine's reason when recover failed.
 std::string last_stop(const Context& context) {
@@ -115,7 +115,7 @@ int recover(const Context& context) {
   ask(context, "recover", Json::object());
   Json status;
   do {
-    if (!status.is_null()) std::this_thread::sleep_for(kLookEvery);
+    if (!status.is_null()) std::this_thread::sleep_for(kStatusEvery);
     status = ask(context, "status", Json::object());
     if (status.value("mode", "") != "recover") throw why_not(context, status);
   } while (status.value("recovering", true));

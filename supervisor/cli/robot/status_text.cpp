@@ -5,16 +5,15 @@
 #include <unistd.h>
 
 #include <cstdlib>
-#include <numbers>
 #include <string_view>
 #include <utility>
 
 #include "supervisor/cli/core/act.hpp"
+#include "supervisor/cli/robot/motion.hpp"
 
 namespace lithe::cli {
 namespace {
 
-constexpr double kDegPerRad = 180.0 / std::numbers::pi;
 constexpr const char* kRed = "\x1b[1;31m";
 constexpr const char* kYellow = "\x1b[33m";
 constexpr const char* kPlain = "\x1b[0m";

@@ -12,6 +12,7 @@
 #include <thread>
 #include <vector>
 
+#include "spine/core/test/units_rig.hpp"
 #include "spine/core/time.hpp"
 #include "spine/hal/bus/fdcanusb/fdcanusb_bus.hpp"
 #include "spine/hal/bus/fdcanusb/sim_fdcanusb.hpp"
@@ -26,7 +27,6 @@
 namespace lithe::hal {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kLong = 60'000 * kMs;  // nobody waits for it: every answer comes, when its thread is let
 constexpr std::uint32_t kDrives = 3;
 

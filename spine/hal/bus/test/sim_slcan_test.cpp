@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a host sees of the adapter; and our own host's end against it, over a real terminal.
 #include "spine/hal/bus/slcan/sim_slcan.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
@@ -12,8 +13,6 @@
 
 namespace lithe::hal::sim {
 namespace {
-
-constexpr std::int64_t kMs = 1'000'000;
 
 // Answers every frame with the same one, its id one higher; says by itself what it is told to.
 class Echo final : public BusNode {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The driver of a CiA 401 module, against the simulated module.
 #include "spine/hal/cia401/cia401_module.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
@@ -12,7 +13,6 @@
 namespace lithe::hal::cia401 {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint32_t kNode = 5;
 
 class Cia401Module : public testing::Test {

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "spine/core/test/units_rig.hpp"
 #include "spine/hal/registry.hpp"
 #include "spine/hal/sim/simulate.hpp"
 #include "spine/robot/robot.hpp"
@@ -20,7 +21,6 @@
 namespace lithe::hal {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr const char* kFile = LITHE_ROBOTS "/cia401.toml";
 
 // The error of the robot file with this text changed; empty = none.

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "spine/core/test/units_rig.hpp"
 #include "spine/hal/canopen/canopen.hpp"
 #include "spine/hal/cia402/cia402.hpp"
 #include "spine/hal/cia402/sim/sim_cia402.hpp"
@@ -20,8 +21,6 @@ using canopen::NmtState;
 using cia402::State;
 namespace abort_code = canopen::abort_code;
 
-inline constexpr std::int64_t kMs = 1'000'000;
-inline constexpr double kTurn = 2 * 3.14159265358979;
 inline constexpr double kStands = 0.2;  // [rad/s] a frictionless joint on a coarse encoder is never quite still
 
 // Node 5, without a gear, one rated Nm, at rest; booted.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A gateway's frames, as the simulated one sends them and as the driver reads them.
 #include "spine/hal/gateway/sim/sim_gateway.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
@@ -15,7 +16,6 @@ namespace {
 using gateway::Block;
 using gateway::Gateway;
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kStale = 50 * kMs;
 
 // One second of the gateway's life, a look per millisecond; what came last is read by `reader`.

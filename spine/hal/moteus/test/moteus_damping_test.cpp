@@ -4,19 +4,15 @@
 
 #include <array>
 #include <cmath>
-#include <limits>
 #include <map>
-#include <numbers>
 #include <random>
 
+#include "spine/core/test/units_rig.hpp"
 #include "spine/hal/moteus/moteus.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::hal::moteus::damping_test {
 namespace {
-
-constexpr double kTurn = 2 * std::numbers::pi;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 std::map<std::uint32_t, double> written(const Frame& frame) {
   std::map<std::uint32_t, double> registers;

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A moteus is asked how it is set before it is commanded: its gains are its own, and some settings let a joint fall.
 #include "spine/hal/moteus/moteus_setup.hpp"
+#include "spine/core/test/units_rig.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <memory>
-#include <numbers>
 #include <random>
 
 #include "spine/hal/moteus/test/moteus_line_rig.hpp"
@@ -15,7 +15,6 @@ namespace lithe::hal {
 namespace {
 
 std::uint32_t answers_so_far = 3;
-constexpr double kTurn = 2 * std::numbers::pi;
 
 TEST(MoteusSetup, IsDoneInAFewExchangesInWhichTheJointIsSeenAndOff) {
   MoteusLine line(MoteusLine::asking());

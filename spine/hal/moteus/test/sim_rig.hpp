@@ -6,12 +6,11 @@
 
 #include <array>
 #include <cstdint>
-#include <limits>
 #include <map>
-#include <numbers>
 #include <utility>
 #include <vector>
 
+#include "spine/core/test/units_rig.hpp"
 #include "spine/hal/moteus/sim/sim_moteus.hpp"
 
 namespace lithe::hal::sim {
@@ -23,9 +22,6 @@ using moteus::SubframeReader;
 using moteus::SubframeWriter;
 namespace reg = moteus::reg;
 
-inline constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-inline constexpr double kTurn = 2 * std::numbers::pi;
-inline constexpr std::int64_t kMs = 1'000'000;
 using Writes = std::vector<std::pair<std::uint32_t, double>>;
 using Registers = std::map<std::uint32_t, double>;
 
