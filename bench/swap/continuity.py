@@ -78,7 +78,7 @@ class Crossing:
 
     def error_deg(self, since: int, ticks: int) -> npt.NDArray[np.float64]:
         """Setpoint minus position."""
-        part = self.ticks[self.at + since : self.at + since + ticks]
+        part: Any = self.ticks[self.at + since : self.at + since + ticks]
         error: npt.NDArray[np.float64] = np.degrees(part["setpoint_position_rad"] - part["position_rad"])
         return error
 
@@ -177,10 +177,11 @@ def draw(crossings: dict[str, list[Crossing]], path: Path) -> None:
         figure, panels = plt.subplots(2, 2, figsize=(9.6, 5.0), layout="constrained", sharex=True, sharey="row")
         for column, (key, title, colour) in enumerate(columns):
             for each in crossings[key]:
-                since_ms = (each.ticks["release_ns"] - each.ticks["release_ns"][each.at]) * 1e-6
+                ticks: Any = each.ticks  # mypy takes seconds for the types of what follows
+                since_ms = (ticks["release_ns"] - ticks["release_ns"][each.at]) * 1e-6
                 near = (since_ms > -50) & (since_ms < 250)
-                error_deg = np.degrees(each.ticks["setpoint_position_rad"] - each.ticks["position_rad"])
-                panels[0, column].plot(since_ms[near], each.ticks["torque_nm"][near], color=colour, lw=0.9, alpha=0.7)
+                error_deg = np.degrees(ticks["setpoint_position_rad"] - ticks["position_rad"])
+                panels[0, column].plot(since_ms[near], ticks["torque_nm"][near], color=colour, lw=0.9, alpha=0.7)
                 panels[1, column].plot(since_ms[near], error_deg[near], color=colour, lw=0.9, alpha=0.7)
             panels[0, column].set_title(title)
             panels[1, column].set_xlabel("ms since the commit")

@@ -58,9 +58,10 @@ class Way:
         )
 
 
-def shaped(ticks: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def shaped(told: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """With the field names of telemetry."""
-    out = np.zeros(
+    ticks: Any = told  # mypy takes 15 s for the types of what follows
+    out: Any = np.zeros(
         len(ticks),
         [("tick", "<i8"), ("release_ns", "<i8"), ("release_jitter_ns", "<i8"), ("missed_releases", "<i8"),
          ("output_late_ns", "<i8"), ("torque_nm", "<f8"), ("active", "?")],
@@ -72,7 +73,8 @@ def shaped(ticks: npt.NDArray[Any]) -> npt.NDArray[Any]:
     out["output_late_ns"] = ticks["output_ns"] - ticks["release_ns"]
     out["torque_nm"] = ticks["torque_nm"]
     out["active"] = True
-    return out
+    shaped_ticks: npt.NDArray[Any] = out
+    return shaped_ticks
 
 
 class Peers(Asked):

@@ -114,7 +114,7 @@ class TickLog:
         for name in ("position_rad", "setpoint_position_rad"):
             part[name] = records[name][:, 0]
         part["torque_nm"] = records["command_torque_nm"][:, 0]
-        part["output_late_ns"] = part["release_jitter_ns"] + records["handoff_ns"]
+        part["output_late_ns"] = np.add(part["release_jitter_ns"], records["handoff_ns"])
         part["active"] = records["mode"] == Mode.active
         self._parts.append(part)
 

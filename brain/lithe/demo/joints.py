@@ -138,9 +138,8 @@ def with_truth(robot_file: Path, joints: list[SimJoint]) -> list[SimJoint]:
 
 def error_deg(records: npt.NDArray[Any], joint: int) -> npt.NDArray[np.float64]:
     """Setpoint minus position [deg]."""
-    error: npt.NDArray[np.float64] = np.degrees(
-        records["setpoint_position_rad"][:, joint] - records["position_rad"][:, joint]
-    )
+    setpoint_rad, position_rad = (records[name][:, joint] for name in ("setpoint_position_rad", "position_rad"))
+    error: npt.NDArray[np.float64] = np.degrees(setpoint_rad - position_rad)
     return error
 
 
