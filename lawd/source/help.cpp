@@ -175,12 +175,12 @@ std::string Help::with_help(const std::string& message) const {
 
 // "'const struct lithe::Tick' has no member named 'dt'; did you mean 'dt_s'?"
 std::string Help::about_field(const std::string& message) const {
-  constexpr std::string_view kWords = "' has no member named '";
-  const std::size_t at = message.find(kWords);
+  constexpr std::string_view kNoMember = "' has no member named '";
+  const std::size_t at = message.find(kNoMember);
   if (at == std::string::npos) return "";
   std::string type = quoted_before(message, at);
   type = type.substr(type.find_last_of(": ") + 1);
-  const std::string wanted = quoted_after(message, kWords);
+  const std::string wanted = quoted_after(message, kNoMember);
   if (type == "Param") return "a Param is a number: write p." + std::string("NAME alone, without .") + wanted;
   const std::vector<std::string> own = fields(type);
   if (own.empty()) return type == "State" || type == "Params" ? type + " has no fields yet: declare it there" : "";

@@ -12,7 +12,7 @@ using wire::PlanReject;
 using wire::PlanState;
 
 constexpr std::int64_t kBlendNs = 50'000'000;
-constexpr double kRounding = 0.5e-9;  // relative, of a speed at its limit
+constexpr double kSpeedRounding = 0.5e-9;  // relative, of a speed at its limit
 constexpr double kForever = std::numeric_limits<double>::infinity();
 
 double seconds(std::int64_t ns) LITHE_RT { return static_cast<double>(ns) * 1e-9; }
@@ -40,7 +40,8 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
     evaluate(now_ns, from);
   }
   for (std::size_t j = 0; j < limits_.joints; ++j)
-    most_rad_s[j] = std::max(limits_.joint[j].velocity_max_rad_s * (1 + kRounding), std::abs(from.velocity_rad_s[j]));
+    most_rad_s[j] =
+        std::max(limits_.joint[j].velocity_max_rad_s * (1 + kSpeedRounding), std::abs(from.velocity_rad_s[j]));
   bool leads = moving_on && plan.t_ns[0] - now_ns > kBlendNs;
   lay_knots(plan, now_ns, leads ? &from : nullptr);
   if (leads && plan.streaming != 0 && plan.waypoint_count > 2 && lead_is_harsh(most_rad_s)) {

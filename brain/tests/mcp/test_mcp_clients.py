@@ -14,6 +14,7 @@ from typing import Any
 import lithe
 import pypi
 import pytest
+from lithe.agent.rounds import SAYS_NOTHING
 from lithe.gateway import Gateway, documents
 from lithe.gateway.token import write_token
 from lithe.mcp import plots
@@ -122,7 +123,10 @@ def test_an_official_client_lists_tries_swaps_tunes_and_goes_back(
         assert [each["error"] for each in refused["answers"]] == [True, False], refused
         assert refused["answers"][0]["text"].startswith("no_permission")
         subprocess.run([*command, "allow"], env=env, check=True, capture_output=True)
-        said = client(name, way, calls)
+        for _ in range(3):  # an answer that the machine was too busy says nothing of the client
+            said = client(name, way, calls)
+            if not any(each["text"].startswith(SAYS_NOTHING) for each in said["answers"]):
+                break
     finally:
         subprocess.run([*command, "forbid"], env=env, check=True, capture_output=True)
         if server is not None:

@@ -99,9 +99,12 @@ Ending ending_of(const WatchdogConfig& config, std::vector<Look> looks) {
   FaultBarrier barrier = open_barrier();
   const Result<> watched = dog.watch(barrier);
   if (!watched) ADD_FAILURE() << watched.message();
-  Looker looker(dog);
-  Looks law{&looker, std::move(looks)};
-  const Failure failure = barrier.run(kBudgetNs, live_through, &law);
+  Failure failure;
+  {
+    Looker looker(dog);
+    Looks law{&looker, std::move(looks)};
+    failure = barrier.run(kBudgetNs, live_through, &law);
+  }  // waits for the look that broke the law off: it counts its signal after the law has got it
   return {failure.kind, dog.signals_sent()};
 }
 
