@@ -31,10 +31,9 @@ int main(int argc, char** argv) {
 
   lithe::set_file_defaults();
   lithe::lawd::Service service(lithe::cache_dir(), lithe::arena::kHandedFd);
-  bool quit = false;
-  for (std::string line; !quit && std::getline(std::cin, line);) {
+  for (std::string line; std::getline(std::cin, line);) {
     if (line.empty()) continue;
-    const auto reply = service.answer(line, quit);
+    const auto reply = service.answer(line);
     // Invalid UTF-8 in a source must not end the service: it is replaced.
     std::cout << reply.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) << std::endl;
     if (!std::cout) break;

@@ -94,7 +94,7 @@ Service::Service(std::string cache, int arena_fd, const Limits& compiler)
   if (arena::is_memory(arena_fd)) close(arena_fd);
 }
 
-json Service::answer(const std::string& line, bool& quit) {
+json Service::answer(const std::string& line) {
   const json request = json::parse(line, nullptr, false);
   json reply;
   if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
@@ -106,9 +106,6 @@ json Service::answer(const std::string& line, bool& quit) {
              {"precompile_ms", toolchain_.precompile_ms()},
              {"arena", arena_.has_value()},
              {"arena_text", arena_error_}};
-  } else if (request["verb"] == "quit") {
-    quit = true;
-    reply = {{"ok", true}};
   } else if (request["verb"] == "compile") {
     reply = compile(request);
   } else if (request["verb"] == "place") {
@@ -116,7 +113,7 @@ json Service::answer(const std::string& line, bool& quit) {
   } else if (request["verb"] == "locate") {
     reply = locate(request);
   } else {
-    reply = refuse("request", "unknown verb; there are: compile, place, locate, ping, quit");
+    reply = refuse("request", "unknown verb; there are: compile, place, locate, ping");
   }
   if (request.is_object() && request.contains("id")) reply["id"] = request["id"];
   return reply;

@@ -26,8 +26,8 @@ class Service {
   // A law with five Eigen decompositions of 12 x 12 needs 700 MiB to compile.
   static constexpr Limits kCompilerLimits{.memory_bytes = std::size_t{1} << 30};
 
-  // One request line, one answer. `quit` is set by the verb quit.
-  nlohmann::json answer(const std::string& line, bool& quit);
+  // One request line, one answer.
+  nlohmann::json answer(const std::string& line);
 
  private:
   struct Job {

@@ -263,19 +263,15 @@ TEST_F(ServiceTest, WhatAToolWasMissingForIsRefusedAndForgotten) {
 }
 
 TEST_F(ServiceTest, NonsenseIsAnsweredAndTheServiceGoesOn) {
-  bool quit = false;
   for (const char* line :
        {"{", "[]", "{\"id\":1}", "{\"verb\":3}", "{\"verb\":\"compile\"}", "{\"verb\":\"compile\",\"source\":[1]}",
         "{\"verb\":\"compile\",\"source\":\"int x;\"}", "{\"verb\":\"compile\",\"source\":\"int x;\",\"joints\":33}",
         "{\"verb\":\"dance\"}", "\xff\xfe"}) {
-    EXPECT_FALSE(service_.answer(line, quit)["ok"]) << line;
+    EXPECT_FALSE(service_.answer(line)["ok"]) << line;
   }
-  EXPECT_FALSE(quit);
   EXPECT_FALSE(compile(service_, std::string(2 << 20, ' '))["ok"]);
   EXPECT_TRUE(compile(service_, LawText{}.source(), "../../etc/passwd")["ok"]);
-  EXPECT_TRUE(service_.answer("{\"verb\":\"ping\",\"id\":9}", quit)["ok"]);
-  EXPECT_TRUE(service_.answer("{\"verb\":\"quit\"}", quit)["ok"]);
-  EXPECT_TRUE(quit);
+  EXPECT_TRUE(service_.answer("{\"verb\":\"ping\",\"id\":9}")["ok"]);
 }
 
 TEST(Service, CacheThatCannotBeWrittenIsOneClearMessage) {

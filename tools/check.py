@@ -14,7 +14,7 @@ ROOT = Path(__file__).parent.parent
 PYTHON = ".venv/bin/python"
 JOBS = str(len(os.sched_getaffinity(0)))
 SKIPPED = 77  # the exit code of a step that this machine cannot run; it has said why
-CPP_FILES = "git ls-files -co --exclude-standard '*.cpp' '*.hpp' '*.c' '*.h' | grep -v -e ^spine/wire/ -e /_shm/"
+CPP_FILES = "git ls-files -co --exclude-standard '*.cpp' '*.hpp' '*.c' '*.h' | grep -v ^spine/wire/"
 # What must be free of data races, and what runs in the tick (cmake/rooms.cmake labels every test with its room).
 # In `contain` ThreadSanitizer sees the words that FaultBarrier and Watchdog share; it holds asynchronous signals
 # back and wants faults for itself, so tests of those skip themselves there (spine/contain/test/contain_rig.hpp). In the

@@ -9,13 +9,25 @@ python3 tools/gen.py --check   exits 1 and names each file that is stale
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from pathlib import Path
 
-from wiregen import cpp, docs, python, shim
-from wiregen.schema import SchemaError, load
+from wiregen import cpp, docs, python
+from wiregen.schema import LINE, RECORD_ALIGN, Schema, SchemaError, load
 
 ROOT = Path(__file__).resolve().parent.parent
+SHIM = "brain/lithe/_shm/lithe_shm.c"
+
+
+def with_layout(text: str, schema: Schema) -> str:
+    """The C side of Python with the numbers of this schema."""
+    layout_hash = f"UINT64_C(0x{schema.layout_hash():016x})"
+    for name, value in (("LINE", LINE), ("RECORD_ALIGN", RECORD_ALIGN), ("LAYOUT_HASH", layout_hash)):
+        text, found = re.subn(rf"^(#define LITHE_{name}) .*", rf"\1 {value}", text, flags=re.M)
+        if found != 1:
+            raise SchemaError(f"{SHIM} has {found} lines #define LITHE_{name}; it must have one")
+    return text
 
 
 def outputs(root: Path, schema_path: Path) -> dict[Path, str]:
@@ -25,7 +37,7 @@ def outputs(root: Path, schema_path: Path) -> dict[Path, str]:
         root / "spine/wire/wire.hpp": cpp.emit(schema),
         root / "spine/wire/fields.hpp": cpp.emit_fields(schema),
         root / "brain/lithe/_wire.py": python.emit(schema),
-        root / "brain/lithe/_shm/lithe_shm.c": shim.emit(schema),
+        root / SHIM: with_layout((ROOT / SHIM).read_text(encoding="utf-8"), schema),
         root / "docs/reference/wire.md": docs.reference(schema),
     }
     for message in schema.messages.values():

@@ -24,7 +24,7 @@ CORPORA = {
     "docs/adr": "a decision in each, numbered and never removed",
 }
 MAX_EXEMPTIONS = 5
-GENERATED = re.compile(r"^spine/wire/|^brain/lithe/_wire\.py$|^brain/lithe/_shm/|^docs/reference/|/golden/|\.msg$")
+GENERATED = re.compile(r"^spine/wire/|^brain/lithe/_wire\.py$|^docs/reference/|/golden/|\.msg$")
 CPP = (".cpp", ".hpp", ".c", ".h")
 SPDX = "SPDX-License-Identifier: Apache-2.0"
 NEEDS_SPDX = re.compile(r"(\.(cpp|hpp|c|h|py|sh|toml|cmake|yml)|CMakeLists\.txt|Makefile|tools/setup|\.ci/run)$")

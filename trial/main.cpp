@@ -19,10 +19,9 @@ using lithe::trial::Zygote;
 
 template <class Service>
 int serve(Service& service) {
-  bool quit = false;
-  for (std::string line; !quit && std::getline(std::cin, line);) {
+  for (std::string line; std::getline(std::cin, line);) {
     if (line.empty()) continue;
-    const auto reply = service.answer(line, quit);
+    const auto reply = service.answer(line);
     std::cout << reply.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) << std::endl;
     if (!std::cout) break;
   }

@@ -59,16 +59,14 @@ Steps::Steps(robot::RobotConfig robot) : robot_(std::move(robot)), plain_(robot_
   heavy_ = with_payload(plain_);
 }
 
-json Steps::answer(const std::string& line, bool& quit) {
+json Steps::answer(const std::string& line) {
   const json request = json::parse(line, nullptr, false);
   const auto verb = request.is_object() ? request.find("verb") : request.end();
   const auto is = [&](const char* word) { return verb != request.end() && *verb == word; };
-  quit = is("quit");
-  if (quit) return {{"ok", true}};
   if (is("describe")) return describe();
   if (is("reset")) return reset(request);
   if (is("step")) return step(request);
-  return refuse("one JSON object per line, with \"verb\": describe, reset, step or quit; a number is finite");
+  return refuse("one JSON object per line, with \"verb\": describe, reset or step; a number is finite");
 }
 
 json Steps::describe() const {

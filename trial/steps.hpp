@@ -19,8 +19,8 @@ class Steps {
   // Errors: as load_robot(), and a robot with a real bus: what hangs on it would only be assumed.
   static Result<std::unique_ptr<Steps>> make(const std::string& robot_path);
 
-  // One request line, one answer. `quit` is set by the verb quit. See trial/README.md.
-  nlohmann::json answer(const std::string& line, bool& quit);
+  // One request line, one answer. See trial/README.md.
+  nlohmann::json answer(const std::string& line);
 
  private:
   // The torques of the last request, in every tick until the next.

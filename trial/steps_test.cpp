@@ -27,10 +27,7 @@ class StepsTest : public ::testing::Test {
     return std::move(*made);
   }
   json ask(const json& request) { return answer(request.dump()); }
-  json answer(const std::string& line) {
-    bool quit = false;
-    return steps_->answer(line, quit);
-  }
+  json answer(const std::string& line) { return steps_->answer(line); }
   json reset(const json& more = json::object()) {
     json request = {{"verb", "reset"}};
     request.update(more);

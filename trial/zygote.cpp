@@ -14,7 +14,6 @@
 
 #include "spine/arena/arena.hpp"
 #include "spine/core/host/signals.hpp"
-#include "spine/core/lookup.hpp"
 #include "spine/law/resident.hpp"
 #include "spine/load/law_store.hpp"
 #include "spine/robot/robot.hpp"
@@ -219,14 +218,10 @@ std::int64_t number(const json& request, const char* key, std::int64_t otherwise
                                      : static_cast<std::int64_t>(found->get<double>());
 }
 
-// Addresses and hashes have 64 bits, which not every reader of JSON keeps: as a number, or as hexadecimal text.
+// Of 64 bits: an address or a hash. 0: there is none.
 std::uint64_t word(const json& request, const char* key) {
   const auto found = request.find(key);
-  if (found == request.end()) return 0;
-  if (found->is_number_unsigned()) return found->get<std::uint64_t>();
-  std::string digits = text(request, key);
-  if (digits.starts_with("0x")) digits.erase(0, 2);
-  return leading_number<std::uint64_t>(digits, 16);
+  return found != request.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
 }
 
 // "" or what is wrong with the request.
@@ -283,14 +278,12 @@ Result<> Zygote::install_filter() {
   return filtered;
 }
 
-json Zygote::answer(const std::string& line, bool& quit) {
+json Zygote::answer(const std::string& line) {
   const json request = json::parse(line, nullptr, false);
   const std::string verb = request.is_object() ? text(request, "verb") : "";
-  quit = verb == "quit";
-  json reply = refuse("request", "one JSON object per line, with \"id\" and \"verb\": try, ping or quit");
+  json reply = refuse("request", "one JSON object per line, with \"id\" and \"verb\": try or ping");
   if (verb == "try") reply = attempt(request);
   if (verb == "ping") reply = ping();
-  if (quit) reply = {{"ok", true}};
   if (request.is_object() && request.contains("id")) reply["id"] = request["id"];
   return reply;
 }

@@ -23,8 +23,8 @@ class Zygote {
   // Contract: once, in a process that does nothing else
   Result<> install_filter();
 
-  // One request line, one answer. `quit` is set by the verb quit. See trial/README.md.
-  nlohmann::json answer(const std::string& line, bool& quit);
+  // One request line, one answer. See trial/README.md.
+  nlohmann::json answer(const std::string& line);
 
  private:
   Zygote(TrialSetup setup, std::string arena_text, std::string safe_law_text)

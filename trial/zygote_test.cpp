@@ -46,9 +46,8 @@ struct Nothing {
 
 // Asked again while a busy machine gives it less than its box.
 json answer_of(Zygote& zygote, const json& request) {
-  bool quit = false;
-  json reply = zygote.answer(request.dump(), quit);
-  for (int i = 0; i < 20 && reply.value("starved", false); ++i) reply = zygote.answer(request.dump(), quit);
+  json reply = zygote.answer(request.dump());
+  for (int i = 0; i < 20 && reply.value("starved", false); ++i) reply = zygote.answer(request.dump());
   return reply;
 }
 
@@ -155,10 +154,9 @@ TEST_F(TrialTest, ASmallBoxDoesNotHideWhatGrowsSlowly) {
   ASSERT_TRUE(zygote) << zygote.message();
   const json request = {
       {"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}, {"params", {{"kp_nm_rad", 40}}}};
-  bool quit = false;
   json reply = json::object();
   do {
-    reply = zygote->answer(request.dump(), quit);
+    reply = zygote->answer(request.dump());
   } while (reply.value("starved", false));
   if (const std::string why = why_short(reply); !why.empty()) GTEST_SKIP() << why;
   EXPECT_FALSE(reply["ok"].get<bool>()) << reply.dump();
@@ -252,7 +250,7 @@ TEST_F(ZygoteTest, PlacedLawIsTriedWhereItLies) {
   EXPECT_EQ(fcntl(memory, F_GETFD), -1) << "whoever can write the arena can write the running law";
   const json reply = answer_of(*with_arena, request);
   EXPECT_TRUE(reply["ok"].get<bool>()) << reply.dump();
-  request["image_hash"] = "12ab";
+  request["image_hash"] = 0x12ab;
   EXPECT_FALSE(answer_of(*with_arena, request)["ok"].get<bool>()) << "another image than announced";
   request["slot"] = 77;
   EXPECT_FALSE(answer_of(*with_arena, request)["ok"].get<bool>());
@@ -291,8 +289,7 @@ TEST_F(ZygoteTest, BehindItsWallTheSystemCallOfAPlacedLawIsNamed) {
 }
 
 TEST_F(ZygoteTest, WhatTheSandboxLacksIsNotTheLawsFault) {
-  bool quit = false;
-  const json reply = zygote().answer(json{{"verb", "try"}, {"slot", 1}}.dump(), quit);
+  const json reply = zygote().answer(json{{"verb", "try"}, {"slot", 1}}.dump());
   EXPECT_FALSE(reply["ok"].get<bool>());
   EXPECT_TRUE(reply["unavailable"].get<bool>()) << reply.dump();
   EXPECT_FALSE(attempt("/nowhere")["unavailable"].get<bool>());
@@ -312,19 +309,15 @@ TEST_F(ZygoteTest, LongestStepIsToldBesideTheOneThatIsJudged) {
 }
 
 TEST_F(ZygoteTest, NonsenseIsAnsweredAndTheZygoteLives) {
-  bool quit = false;
   for (const char* line :
        {"{", "[]", "{\"verb\":3}", "{\"verb\":\"try\"}", "{\"verb\":\"try\",\"object\":\"/nowhere\"}",
         "{\"verb\":\"try\",\"slot\":3,\"entry\":\"0x10\"}", "\xff\xfe", "{\"verb\":\"try\",\"object\":\"/dev/zero\"}",
         "{\"verb\":\"dance\"}", "{\"verb\":\"try\",\"object\":\"x\",\"params\":[1]}"}) {
-    EXPECT_FALSE(zygote().answer(line, quit)["ok"].get<bool>()) << line;
+    EXPECT_FALSE(zygote().answer(line)["ok"].get<bool>()) << line;
   }
   EXPECT_FALSE(attempt(LAW_pd, {{"params", {{"kp_nm_rad", 1e9}}}})["ok"].get<bool>());
   EXPECT_FALSE(attempt(LAW_pd, {{"params", {{"no_such", 1}}}})["ok"].get<bool>());
-  EXPECT_TRUE(zygote().answer("{\"verb\":\"ping\"}", quit)["ok"].get<bool>());
-  EXPECT_FALSE(quit);
-  EXPECT_TRUE(zygote().answer("{\"verb\":\"quit\"}", quit)["ok"].get<bool>());
-  EXPECT_TRUE(quit);
+  EXPECT_TRUE(zygote().answer("{\"verb\":\"ping\"}")["ok"].get<bool>());
 }
 
 }  // namespace

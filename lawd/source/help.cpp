@@ -6,10 +6,10 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
-#include <numeric>
 
 #include "lawd/source/admission_words.hpp"
 #include "spine/core/lookup.hpp"
+#include "spine/core/text.hpp"
 
 namespace lithe::lawd {
 namespace {
@@ -26,21 +26,6 @@ std::string quoted_after(const std::string& message, std::string_view words) {
   if (at == std::string::npos) return "";
   const std::size_t from = at + words.size();
   return message.substr(from, message.find('\'', from) - from);
-}
-
-std::size_t distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    std::size_t corner = row[0];
-    row[0] = i + 1;
-    for (std::size_t k = 0; k < b.size(); ++k) {
-      const std::size_t above = row[k + 1];
-      row[k + 1] = std::min({above + 1, row[k] + 1, corner + (a[i] == b[k] ? 0 : 1)});
-      corner = above;
-    }
-  }
-  return row[b.size()];
 }
 
 // What other programs call the fields of the contract.
@@ -72,7 +57,7 @@ std::size_t farness(std::string_view wanted, std::string_view field) {
   for (const Alias& each : kAliases)
     if (field == each.field && (wanted == each.word || wanted.starts_with(std::string(each.word) + "_"))) return 0;
   if (has_text(field, wanted) || has_text(wanted, field)) return 1 + (field.starts_with(wanted) ? 0 : 1);
-  return 2 + distance(wanted, field);
+  return 2 + edit_distance(wanted, field);
 }
 
 std::string listed(std::vector<std::string> fields, std::string_view wanted) {

@@ -48,9 +48,8 @@ struct LawText {
 
 // Asked again while a busy machine gives it no processor time: that says nothing about a law.
 inline nlohmann::json ask(Service& service, const nlohmann::json& request) {
-  bool quit = false;
-  nlohmann::json reply = service.answer(request.dump(), quit);
-  for (int i = 0; i < 20 && reply.value("starved", false); ++i) reply = service.answer(request.dump(), quit);
+  nlohmann::json reply = service.answer(request.dump());
+  for (int i = 0; i < 20 && reply.value("starved", false); ++i) reply = service.answer(request.dump());
   return reply;
 }
 

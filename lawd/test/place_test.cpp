@@ -277,8 +277,7 @@ TEST(PlaceWithoutArena, SaysSoAndCompilesAllTheSame) {
   Service service(cache.path());
   const json made = compile(service, LawText{}.source());
   ASSERT_TRUE(made["ok"]) << made;
-  bool quit = false;
-  const json reply = service.answer(json{{"verb", "place"}, {"hash", made["hash"]}, {"slot", 1}}.dump(), quit);
+  const json reply = service.answer(json{{"verb", "place"}, {"hash", made["hash"]}, {"slot", 1}}.dump());
   EXPECT_EQ(reply["stage"], "arena");
   EXPECT_NE(reply["text"].get<std::string>().find("no code arena"), std::string::npos);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks that bytes from outside are text, and that the text is safe to show. Off the tick.
+// Checks that bytes from outside are text, and that the text is safe to show; compares words. Off the tick.
 #pragma once
 
 #include <cstddef>
@@ -21,5 +21,8 @@ bool is_printable(std::string_view text);
 // The same bytes with everything unprintable escaped: "\x1b" for bytes below 0x80 and for bytes that are no UTF-8,
 // "\u202e" for characters. Line ends and tabs stay when `keep_lines`.
 std::string printable(std::string_view text, bool keep_lines = false);
+
+// From one word to the other: insertions, deletions, replacements and swaps of neighbours each cost one.
+std::size_t edit_distance(std::string_view a, std::string_view b);
 
 }  // namespace lithe

@@ -89,5 +89,14 @@ TEST(Text, WrittenOutItIsPrintableAndTellsWhatItWas) {
   }
 }
 
+TEST(Text, WordsAreAsFarApartAsTheirSlipsOfThePen) {
+  EXPECT_EQ(edit_distance("", "kp"), 2U);
+  EXPECT_EQ(edit_distance("velocity", "velocity"), 0U);
+  EXPECT_EQ(edit_distance("velocty", "velocity"), 1U) << "one is missing";
+  EXPECT_EQ(edit_distance("veloctiy", "velocity"), 1U) << "two are swapped";
+  EXPECT_EQ(edit_distance("velocitx", "velocity"), 1U);
+  EXPECT_EQ(edit_distance("speed", "velocity"), 8U);
+}
+
 }  // namespace
 }  // namespace lithe

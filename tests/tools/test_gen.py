@@ -203,3 +203,8 @@ def test_the_generated_files_of_this_tree_are_fresh() -> None:
 def test_the_generator_runs_as_a_program_of_the_plain_interpreter() -> None:
     done = subprocess.run([sys.executable, gen.__file__, "--check"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_c_side_without_the_numbers_is_refused() -> None:
+    with pytest.raises(schema.SchemaError, match="0 lines #define LITHE_LINE; it must have one"):
+        gen.with_layout("int x;\n", schema.load(gen.ROOT / "schema/wire.toml"))

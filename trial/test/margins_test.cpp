@@ -28,10 +28,9 @@ TEST_P(Margins, EveryLawThatComesWithLithePasses) {
   ASSERT_TRUE(zygote) << zygote.message();
   for (const char* object : {LAW_pd, LAW_hold, LAW_gravity_pd, LAW_impedance, LAW_lqr, LAW_constant_torque}) {
     json reply;
-    bool quit = false;
     const json request = {{"verb", "try"}, {"object", object}, {"budget_ns", 300'000}, {"box_ms", 1000}};
     do {
-      reply = zygote->answer(request.dump(), quit);
+      reply = zygote->answer(request.dump());
     } while (reply.value("starved", false));
     const std::string law = std::string(object).substr(std::string(object).rfind("trial_law_") + 10);
     EXPECT_TRUE(reply["ok"].get<bool>()) << file << " " << law << ": " << reply.value("reason", "");

@@ -75,6 +75,21 @@ struct Side {
   }
 };
 
+// Calls `see` for each record of ticks (from, to] that is still in the ring, oldest first.
+template <class See>
+void each_record(const SpineLink& spine, std::uint64_t from, std::uint64_t to, See see) {
+  auto now = std::make_unique<wire::Telemetry>();
+  if (!spine.latest(*now) || to <= from) return;
+  ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring(spine.memory().telemetry);
+  ring.rewind(now->tick - std::min(now->tick, from) + 1);
+  // Test empty(): next() is false also for a record that was overwritten while it was read.
+  while (!ring.empty()) {
+    if (!ring.next(*now) || now->tick <= from) continue;
+    if (now->tick > to) break;
+    see(*now);
+  }
+}
+
 }  // namespace
 
 void read_interrupts(std::string_view text, std::uint32_t cpu, CoreCounts& counts) {
@@ -129,28 +144,22 @@ Json counts_json(const CoreCounts& before, const CoreCounts& after) {
 Json measure_commit(const SpineLink& spine, std::uint64_t commit_tick) {
   const wire::RobotInfo& info = spine.info();
   const auto window = static_cast<std::uint64_t>(std::max(1.0, kWindowS * info.rate_hz));
-  auto now = std::make_unique<wire::Telemetry>();
   auto last = std::make_unique<wire::Telemetry>();
-  if (!spine.latest(*now)) return nullptr;
-  ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring(spine.memory().telemetry);
-  const std::uint64_t from = commit_tick - std::min(commit_tick, window);
-  ring.rewind(now->tick - std::min(now->tick, from) + 2);
   Side before, after;
   Json first_call_ns = nullptr;
   std::optional<std::uint32_t> missed_before;
   std::uint32_t missed_after = 0;
-  // Test empty(): next() is false also for a record that was overwritten while it was read.
-  while (!ring.empty()) {
-    if (!ring.next(*now) || now->tick < from) continue;
-    if (now->tick > commit_tick + window) break;
-    Side& side = now->tick <= commit_tick ? before : after;
-    side.add(*now);
-    if (last->tick != 0 && now->tick == last->tick + 1) side.step(*last, *now, info);
-    if (now->tick == commit_tick + 1) first_call_ns = now->law_ns;
-    missed_before = missed_before.value_or(now->missed_releases);
-    missed_after = now->missed_releases;
-    std::swap(last, now);
-  }
+  const std::uint64_t from = commit_tick - std::min(commit_tick, window + 1);
+  each_record(spine, from, commit_tick + window, [&](const wire::Telemetry& now) {
+    Side& side = now.tick <= commit_tick ? before : after;
+    side.add(now);
+    if (last->tick != 0 && now.tick == last->tick + 1) side.step(*last, now, info);
+    if (now.tick == commit_tick + 1) first_call_ns = now.law_ns;
+    missed_before = missed_before.value_or(now.missed_releases);
+    missed_after = now.missed_releases;
+    *last = now;
+  });
+  if (!missed_before && !spine.latest(*last)) return nullptr;
   return {{"first_call_ns", first_call_ns},
           {"lost_ticks", missed_before ? Json(missed_after - *missed_before) : Json(nullptr)},
           {"before", before.to_json()},
@@ -164,21 +173,6 @@ constexpr std::uint32_t kClamped =
     flag::kTorqueClamped | flag::kSlewClamped | flag::kPositionClamped | flag::kVelocityClamped | flag::kPowerClamped;
 constexpr double kAll = 0.999;        // of torque_max_nm
 constexpr double kClampedBy = 0.001;  // likewise: by less the guard changes nothing worth a word
-
-// Calls `see` for each record of ticks (from, to] that is still in the ring, oldest first.
-template <class See>
-void each_record(const SpineLink& spine, std::uint64_t from, std::uint64_t to, See see) {
-  auto now = std::make_unique<wire::Telemetry>();
-  if (!spine.latest(*now) || to <= from) return;
-  ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring(spine.memory().telemetry);
-  ring.rewind(now->tick - std::min(now->tick, from) + 1);
-  // Test empty(): next() is false also for a record that was overwritten while it was read.
-  while (!ring.empty()) {
-    if (!ring.next(*now) || now->tick <= from) continue;
-    if (now->tick > to) break;
-    see(*now);
-  }
-}
 
 double aligned_error_rad(const wire::Telemetry& record, std::size_t joint) {
   const std::int64_t woke_ns = record.release_ns + record.release_jitter_ns;
