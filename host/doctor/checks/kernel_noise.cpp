@@ -2,6 +2,9 @@
 // Items 19 to 24: what the kernel does on a core on its own account, and the clock.
 #include <fmt/format.h>
 
+#include <string>
+#include <vector>
+
 #include "host/doctor/item.hpp"
 #include "host/read/words.hpp"
 #include "spine/core/lookup.hpp"
@@ -73,14 +76,21 @@ Finding check_core_interrupts(const Subject& subject, Notes& notes) {
                    "other cores interrupted it {:.1f} times a second", rate);
 }
 
-Finding check_tracing(const Subject&, Notes& notes) {
-  const std::string tracer_path = "/sys/kernel/tracing/current_tracer";
-  const std::string events_path = "/sys/kernel/tracing/set_event";
-  const Reading tracer = notes.read(tracer_path), events = notes.read(events_path);
-  if (tracer.known() && tracer.value != "nop") return notes.say(State::warn, "tracer " + tracer.value + " is on");
-  if (!events.value.empty()) return notes.say(State::warn, "events are being traced");
-  if (!tracer.known() || !events.known()) return notes.unread(tracer.known() ? events_path : tracer_path);
-  return notes.say(tracer.value.empty() ? State::unknown : State::ok, "nothing is being traced");
+Finding check_tracing(const Subject& subject, Notes& notes) {
+  const std::string top = "/sys/kernel/tracing";
+  std::vector<std::string> folders{top};  // a trace of its own, also one that a killed program left, is an instance
+  for (const std::string& each : subject.files.list(top + "/instances")) folders.push_back(top + "/instances/" + each);
+  std::string unread;
+  for (const std::string& folder : folders) {
+    const Reading tracer = notes.read(folder + "/current_tracer"), events = notes.read(folder + "/set_event");
+    const std::string where = folder == top ? "" : " in " + folder;
+    if (tracer.known() && tracer.value != "nop" && !tracer.value.empty())
+      return notes.say(State::warn, "tracer " + tracer.value + " is on" + where);
+    if (!events.value.empty()) return notes.say(State::warn, "events are being traced" + where);
+    if (tracer.value.empty()) unread = folder + "/current_tracer";
+    if (!events.known()) unread = folder + "/set_event";
+  }
+  return unread.empty() ? notes.say(State::ok, "nothing is being traced") : notes.unread(unread);
 }
 
 Finding check_clocksource(const Subject&, Notes& notes) {

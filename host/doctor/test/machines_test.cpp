@@ -97,6 +97,9 @@ TEST(Machines, WhatIsTheSameOnAllSixTurnsWithItsFile) {
   constexpr std::array kChanges = {
       Changed{"tracing", State::ok, "/sys/kernel/tracing/current_tracer", "function", State::warn},
       Changed{"tracing", State::ok, "/sys/kernel/tracing/set_event", "sched:sched_switch", State::warn},
+      Changed{"tracing", State::ok, "/sys/kernel/tracing/instances/left/set_event", "sched:*", State::warn},
+      Changed{"tracing", State::ok, "/sys/kernel/tracing/instances/left/current_tracer", "osnoise", State::warn},
+      Changed{"tracing", State::ok, "/sys/kernel/tracing/instances/left/current_tracer", "nop", State::unknown},
       Changed{"shared_memory", State::ok, "/proc/self/mounts", "/dev/sda1 / ext4 rw 0 0", State::fail},
       Changed{"shared_memory", State::ok, "/proc/self/mounts",
               "tmpfs /dev/shm tmpfs rw 0 0\n/dev/sda1 /dev/shm ext4 rw 0 0", State::fail},

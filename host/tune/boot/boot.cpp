@@ -128,7 +128,7 @@ Error no_boot_file(const HostFiles& files, const FoundBoard& found, const std::v
                   found.board->name, found.because, fmt::join(reasons, ", "), by_hand(files, flags))};
 }
 
-std::vector<std::string> notes_of(const HostFiles& files, const FoundBoard& found, const KernelFlags& kernel) {
+std::vector<std::string> notes_of(const FoundBoard& found, const KernelFlags& kernel) {
   std::vector<std::string> notes = kernel.notes;
   if (found.by_file) {
     notes.push_back(
@@ -136,8 +136,6 @@ std::vector<std::string> notes_of(const HostFiles& files, const FoundBoard& foun
                     found.board->name, found.because));
   }
   notes.insert(notes.end(), found.board->notes.begin(), found.board->notes.end());
-  if (!files.root().empty())
-    notes.push_back("run the commands within the image: `chroot " + files.root() + " COMMAND`");
   return notes;
 }
 
@@ -166,7 +164,7 @@ Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
   const Result<Edit> edit = edit_boot_file(files, *boot, kernel->flags);
   if (!edit) return edit.error();
 
-  BootPlan plan{.board = found.board->name, .changes = {}, .commands = {}, .notes = notes_of(files, found, *kernel)};
+  BootPlan plan{.board = found.board->name, .changes = {}, .commands = {}, .notes = notes_of(found, *kernel)};
   if (edit->before == edit->after) {
     if (!is_booted_with(files, kernel->flags) && !boot->commands.empty()) {
       plan.commands = boot->commands;

@@ -145,6 +145,13 @@ TEST_F(BootTest, AVirtualMachineIsOneWithTheSameFiles) {
   expect_change("vm", "/etc/default/grub", trees::kDebian12Grub + kOurLines);
 }
 
+TEST_F(BootTest, TheCommandsOfAnImageAreToRunWithinIt) {
+  trees::debian12(root_);
+  const auto made = plan();
+  EXPECT_FALSE(made->commands.empty());
+  EXPECT_EQ(std::ranges::count_if(made->notes, [](const std::string& note) { return says(note, "chroot"); }), 1);
+}
+
 TEST_F(BootTest, AnImageThatDoesNotRunIsKnownByItsFiles) {
   root_.write("/boot/config-6.12.34+rpt-rpi-v8", trees::kTickingConfig);
   root_.write("/boot/config-6.12.34+rpt-rpi-2712", trees::kTickingConfig);
@@ -153,6 +160,8 @@ TEST_F(BootTest, AnImageThatDoesNotRunIsKnownByItsFiles) {
   const std::vector<std::string> notes = plan()->notes;
   EXPECT_TRUE(std::any_of(notes.begin(), notes.end(),
                           [](const std::string& note) { return says(note, "taken for board pi4 because"); }));
+  EXPECT_EQ(std::ranges::count_if(notes, [](const std::string& note) { return says(note, "chroot"); }), 0)
+      << "a Pi reads its file at each boot: there is no command to run";
 }
 
 TEST_F(BootTest, FedoraIsUnknownAndGetsTheLineToAddByHand) {

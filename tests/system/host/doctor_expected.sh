@@ -213,7 +213,9 @@ checks=not_applicable
 say periodic_work "$(worst $back $checks)"
 say core_interrupts unknown
 tracer=$(get /sys/kernel/tracing/current_tracer)
-if [[ -n $tracer && $tracer != nop ]] || [[ -n $(get /sys/kernel/tracing/set_event) ]]; then
+if [[ -n $tracer && $tracer != nop ]] || [[ -n $(get /sys/kernel/tracing/set_event) ]] ||
+  [[ -n $(cat /sys/kernel/tracing/instances/*/set_event 2>/dev/null) ]] ||
+  cat /sys/kernel/tracing/instances/*/current_tracer 2>/dev/null | grep -qvx nop; then
   say tracing warn
 elif [[ $tracer == nop ]] && cat /sys/kernel/tracing/set_event >/dev/null 2>&1; then
   say tracing ok
