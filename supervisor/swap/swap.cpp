@@ -268,15 +268,21 @@ Sequence::Reply<Json> Swaps::line_of_crash(const SwapState& swap, const Refusal&
 }
 
 // A NaN in the Spine has no address: the tick only sees the output. The trial repeats the law, from a fresh State, on
-// what the robot has just recorded, and stops at the operation that makes a NaN there; null when that makes none.
+// what the robot has just recorded, and stops at the operation that makes a NaN there; null, and an event that says
+// why, when that makes none.
 void Swaps::find_line_of_nan(const SwapState& swap, LawLifecycle::Found found) {
   const auto again = help_.trial != nullptr ? tried_laws_.again(swap.request_id()) : std::nullopt;
   if (!again) return found(nullptr);
   const auto take = [this, swap, found = std::move(found)](const Answer& answer) {
     const auto* refusal = std::get_if<Refusal>(&answer);
     const Json report = refusal != nullptr ? report_in(*refusal) : Json::object();
-    if (report.value("section", "") != "replay" || offset_in(report) == 0) return found(nullptr);
-    find_line(swap, offset_in(report), false, found);
+    if (report.value("section", "") == "replay" && offset_in(report) != 0)
+      return find_line(swap, offset_in(report), false, found);
+    help_.log.note(swap.request_id(), "law_fault_not_located",
+                   fmt::format("{}: the line of its NaN is not known: {}", swap.compiled().law,
+                               refusal != nullptr ? "the trial, to find it, said: " + refusal->message
+                                                  : "from a fresh state, on what was recorded, it makes none"));
+    found(nullptr);
   };
   help_.trial->attempt(*again, take, monotonic_ns(), TrialLink::Turn::idle);  // a swap may replace the law meanwhile
 }

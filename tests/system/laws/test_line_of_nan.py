@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A law that returns NaN on the live robot is told its line: the trial repeats it on what was recorded."""
+"""A law that returns NaN on the live robot is told its line, or why not: the trial repeats it on what was recorded."""
 
 import platform
 
@@ -45,3 +45,17 @@ def test_the_line_that_made_a_nan_on_the_live_robot_is_found(arm: RobotRig) -> N
     (located,) = [each for each in arm.ask("events")["events"] if each["kind"] == "law_fault_located"]
     assert f"late at late.cpp:{LINE}" in located["text"]
     assert arm.ask("status")["law_faults"][-1]["where"] == f"late.cpp:{LINE}" and arm.ask("status")["law"] == "pd"
+
+
+def test_why_a_line_is_not_found_is_told(arm: RobotRig) -> None:
+    """A NaN that comes with the time since the law began: the trial begins at 0 again, and has 4 s at most."""
+    path = arm.dir / "timed.cpp"
+    path.write_text(LATE.replace("static_cast<double>(t.tick)", "t.t_s").replace("1e9, 0", "6, 0"))
+    done = arm.ask("swap", path)
+    becomes(arm, done["request_id"], lambda each: "fault" in each)
+
+    def told() -> list[str]:
+        return [each["text"] for each in arm.ask("events")["events"] if each["kind"] == "law_fault_not_located"]
+
+    arm.wait_for(lambda: bool(told()))
+    assert len(told()) == 1 and told()[0].startswith("late: the line of its NaN is not known: ")
