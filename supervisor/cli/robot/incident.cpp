@@ -42,9 +42,22 @@ std::vector<Json> all_incidents(const fs::path& folder) {
   return found;
 }
 
+std::string shown(const Json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_null()) return "none";
+  if (value.is_number_float()) return fmt::format("{:.4g}", value.get<double>());
+  if (value.contains("name")) return shown(value["name"]);
+  if (value.contains("before") && value.contains("after")) {
+    const std::string before = shown(value["before"]), after = shown(value["after"]);
+    return before == after ? before : before + " -> " + after;
+  }
+  if (value.is_array() && value.size() == 2) return fmt::format("{} to {}", shown(value[0]), shown(value[1]));
+  return control::dump_line(value);
+}
+
 std::string text_at(const Json& from, const char* key) {
   const auto found = from.find(key);
-  return found == from.end() ? "-" : found->is_string() ? found->get<std::string>() : control::dump_line(*found);
+  return found == from.end() ? "-" : shown(*found);
 }
 
 void print_incidents(const Json& result) {
@@ -57,7 +70,7 @@ void print_incident(const Json& incident) {
   fmt::print("  mode {}, law {}, {} ticks, lost {}\n", text_at(incident, "mode"), text_at(incident, "law"),
              text_at(incident, "ticks"), text_at(incident, "ticks_lost"));
   for (const Json& joint : incident.value("joints", Json::array())) {
-    fmt::print("  {:<12} rad {}  rad/s {}  N m {}  error {} rad\n", text_at(joint, "name"),
+    fmt::print("  {:<12} {} rad, {} rad/s, {} N m, error {} rad at most\n", text_at(joint, "name"),
                text_at(joint, "position_rad"), text_at(joint, "velocity_rad_s"), text_at(joint, "command_torque_nm"),
                text_at(joint, "largest_error_rad"));
   }
