@@ -23,7 +23,7 @@ TEST(Process, TellsAnExitCodeFromASignal) {
   auto three = Process::start(shell("exit 3"));
   ASSERT_TRUE(three && three->wait(kLongMs));
   EXPECT_EQ(three->exit_code(), 3);
-  auto killed = Process::start(shell("sleep 60"));
+  auto killed = Process::start(shell("exec sleep 60"));
   ASSERT_TRUE(killed);
   EXPECT_FALSE(killed->ended());
   killed->signal(SIGKILL);
