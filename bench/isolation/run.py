@@ -59,7 +59,7 @@ class Plan:
 
 def plan_of(asked: argparse.Namespace) -> Plan:
     """The plan that the options ask for."""
-    workloads = asked.workload or list(loads.WORKLOADS)
+    workloads = list(dict.fromkeys(asked.workload or loads.WORKLOADS))
     if asked.short:
         return Plan(workloads, rounds=1, pairs=2, peer_s=1.0)
     seconds = PAPER_S if asked.paper else asked.seconds

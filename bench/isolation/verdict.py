@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from bench.isolation.loads import APT
+from bench.isolation.loads import APT, WORKLOADS
 from bench.report import DISTURBED
 from bench.swap.stats import LIMITS_US
 from bench.tables import Figures
@@ -25,6 +25,7 @@ BOOT = "isolate the Spine's core at boot: `lithe tune plan`"
 HOST = "measure on bare metal, or where the hypervisor gives this guest its cores; leave one core idle"
 MISSING = f"{APT} rt-tests"
 LONGER = "measure longer: `--seconds 60` or more, or `--paper`"
+ALL = "leave out `--workload`"
 
 
 def number(told: Figures, key: str) -> float:
@@ -35,7 +36,8 @@ def number(told: Figures, key: str) -> float:
 
 def doubts(told: Figures, workloads: list[str]) -> list[tuple[str, str]]:
     """The reasons why this run is INCONCLUSIVE, and what would help against each."""
-    found = []
+    left_out = [name for name in WORKLOADS if name not in workloads]
+    found = [(f"not measured: {', '.join(left_out)}", ALL)] if left_out else []
     quieter = BOOT if told.get("shielded") else SHIELD
     for name in workloads:
         for key, words, remedy in (
