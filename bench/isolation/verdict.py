@@ -108,13 +108,17 @@ def spin_over_peer(told: Figures, peer: str, name: str) -> float:
     return number(told, f"r999_{peer}_{name}") / number(told, f"r999_floor_{name}")
 
 
-def beyond_any_program(told: Figures, name: str) -> list[tuple[str, str]]:
-    """The peers that a program which only spins does not beat here either, and what would help."""
-    return [
-        (f"{name}: a bare spin is itself {spin_over_peer(told, peer, name):.2f} x {peer} here", HOST)
-        for peer in JUDGED_PEERS
-        if not number(told, f"r999_{peer}_{name}") <= MOST_OVER_PEER
-    ]
+def undecided_peers(told: Figures, name: str) -> list[tuple[str, str]]:
+    """The peers that a program which only spins does not beat here either, or whose interval reaches over the limit."""
+    found = []
+    for peer in JUDGED_PEERS:
+        value, high = (number(told, f"r999_{peer}_{name}{end}") for end in ("", "_high"))
+        if not value <= MOST_OVER_PEER:
+            found.append((f"{name}: a bare spin is itself {spin_over_peer(told, peer, name):.2f} x {peer} here", HOST))
+        elif not high <= MOST_OVER_PEER:
+            words = f"{name}: {value:.3f} x {peer}, but its interval reaches to {high:.3f}, at most {MOST_OVER_PEER}"
+            found.append((words, LONGER))
+    return found
 
 
 def judge(told: Figures, workloads: list[str]) -> Figures:
@@ -124,7 +128,7 @@ def judge(told: Figures, workloads: list[str]) -> Figures:
         if short := shortcomings(told, workloads):
             return {"verdict": "falls short", "reason": "; ".join(short), "conclusive_with": ""}
         for name in workloads:
-            found += beyond_any_program(told, name)
+            found += undecided_peers(told, name)
             if over_floor(told, name) == "undecided":
                 low, high = (number(told, f"r999_floor_{name}_{end}") for end in ("low", "high"))
                 few = math.isinf(low)

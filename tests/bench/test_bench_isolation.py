@@ -45,6 +45,7 @@ def good() -> dict[str, Any]:
         told |= {f"steal_share_{name}": 0.01, f"floor_preempted_share_{name}": 0.001, f"cycles_{name}": 60_000}
         told |= {f"r999_floor_{name}": 1.0, f"r999_floor_{name}_low": 0.9, f"r999_floor_{name}_high": 1.05}
         told |= {f"r999_cyclictest_{name}": 0.03, f"r999_plain_loop_{name}": 0.01, f"load_ended_{name}": False}
+        told |= {f"r999_cyclictest_{name}_high": 0.09, f"r999_plain_loop_{name}_high": 0.02}
         for limit_us in LIMITS_US:
             key = f"late_{name}_over_{limit_us}us_difference"
             told |= {key: 0.0, f"{key}_low": -0.0004, f"{key}_high": 0.0004}
@@ -137,6 +138,13 @@ def test_a_peer_that_no_program_could_beat_here_decides_nothing(verdict: ModuleT
     assert told["verdict"] == "INCONCLUSIVE" and "a bare spin is itself 0.23 x cyclictest" in told["reason"]
     told = verdict.judge(good() | {"r999_floor_idle": 3.0, "r999_cyclictest_idle": 0.23}, NAMES)
     assert told["verdict"] == "falls short" and "0.230 x cyclictest" in told["reason"], "a bare spin holds it here"
+
+
+@pytest.mark.parametrize("high", [0.101, math.inf, math.nan, None])
+def test_a_peer_whose_interval_reaches_over_the_claim_decides_nothing(verdict: ModuleType, high: float | None) -> None:
+    told = verdict.judge(good() | {"r999_plain_loop_numpy_high": high}, NAMES)
+    assert told["verdict"] == "INCONCLUSIVE" and "numpy: 0.010 x plain_loop, but its interval" in told["reason"]
+    assert "--paper" in told["conclusive_with"]
 
 
 def test_the_shares_decide_where_the_ratio_cannot(verdict: ModuleType) -> None:
