@@ -11,6 +11,7 @@ Exit 0: holds. 1: falls short, or INCONCLUSIVE. 2: usage, or it cannot be measur
 from __future__ import annotations
 
 import argparse
+import fcntl
 import json
 import os
 import shutil
@@ -40,6 +41,7 @@ SECONDS = 60.0  # of LITHE in each workload
 PAIRS = 5  # in a round: 500 ms of the floor and 500 ms of LITHE each
 CONTROL_BLOCKS = 6
 SHIELDED = "LITHE_BENCH_SHIELDED"
+SHIELD_JOURNAL = Path("/run/lithe/shield.journal")  # as in host/tune/shield/shield.hpp
 Seen = dict[str, dict[str, Rounds]]  # by workload and program
 
 
@@ -66,6 +68,18 @@ def plan_of(asked: argparse.Namespace) -> Plan:
     return Plan(workloads, rounds=max(1, round(seconds / (PAIRS * 0.5))), pairs=PAIRS, peer_s=1.0)
 
 
+def shield_is_up() -> bool:
+    """Whether a living process holds the lock on the shield's journal, as it does until the shield is lowered."""
+    try:
+        with SHIELD_JOURNAL.open("rb") as journal:
+            fcntl.flock(journal, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        pass
+    return False
+
+
 def one_round(subject: Subject, peers: Peers, plan: Plan, seen: dict[str, Rounds]) -> None:
     """The floor and LITHE in turns, then each peer."""
     records = subject.run("pairs", plan.pairs, plan.pairs)
@@ -88,7 +102,9 @@ class Bench:
         self.spine, self.partner = int(here["machine_spine_core"]), int(here["machine_partner_core"])
         self.all = sorted(os.sched_getaffinity(0) | {self.spine, self.partner})
         others = [core for core in self.all if core != self.spine]
-        self.confined = bool(os.environ.get(SHIELDED))
+        self.confined = bool(os.environ.get(SHIELDED)) and shield_is_up()
+        if os.environ.get(SHIELDED) and not self.confined:
+            print(f"bench: {SHIELDED} is set, but no shield is up: measured without one", file=sys.stderr)
         self.load_cores = ",".join(map(str, others if self.confined else self.all))
         os.sched_setaffinity(0, set(others) & os.sched_getaffinity(0) or set(others))  # this process measures nothing
         self.seen: Seen = {}
@@ -107,6 +123,7 @@ class Bench:
                 print(words, end="", file=sys.stderr, flush=True)
                 one_round(subject, peers, self.plan, self.seen.setdefault(workload, {}))
             self.told[f"load_ended_{workload}"] = loads.ended_early(started)
+            self.told[f"shield_lost_{workload}"] = self.confined and not shield_is_up()
         swaps = subject.swaps(False) - before
         if workload == "swap":
             self.told |= {"rig_swaps": swaps, "second_robot_swaps": loads.swaps_in(log)}

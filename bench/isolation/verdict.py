@@ -58,6 +58,8 @@ def doubts(told: Figures, workloads: list[str]) -> list[tuple[str, str]]:
             found.append(("swap: no law was swapped", f"read {told.get('loads_log')}"))
         if told.get(f"load_ended_{name}"):
             found.append((f"{name}: the load ended by itself", f"read {told.get('loads_log')}"))
+        if told.get(f"shield_lost_{name}"):
+            found.append((f"{name}: the shield was lowered during the run", "measure again, and leave the shield up"))
     if not number(told, "control_over_floor") >= CONTROL_AT_LEAST:
         ratio = number(told, "control_over_floor")
         words = f"the negative control did not fail: {ratio:.1f} x the floor, at least {CONTROL_AT_LEAST:.0f} expected"

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make bench-isolation`: figures tell what is there, each rule of the verdict can fail, missing programs are named."""
 
+import fcntl
 import json
 import math
 import os
@@ -80,6 +81,7 @@ def test_a_run_of_some_workloads_is_inconclusive(monkeypatch: pytest.MonkeyPatch
         ),
         ({"r999_plain_loop_idle": None}, "idle: no plain_loop", "make bench-isolation"),
         ({"load_ended_stress": True}, "stress: the load ended by itself", "loads.log"),
+        ({"shield_lost_swap": True}, "swap: the shield was lowered during the run", "measure again"),
     ],
 )
 def test_a_disturbed_run_is_inconclusive_and_says_what_would_help(
@@ -321,6 +323,24 @@ def test_without_the_verb_shield_says_so(
     assert run.shielded(["--shield", "--short"])[1:4] == ["tune", "shield", "--"]
     monkeypatch.setenv("LITHE_BENCH_CORES", "1,3")
     assert run.shielded(["--shield", "--short"])[1:6] == ["tune", "shield", "--cores", "1", "--"]
+
+
+def test_a_run_is_shielded_only_while_the_shields_journal_is_locked(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, journal = module("run", monkeypatch), tmp_path / "shield.journal"
+    monkeypatch.setattr(run, "SHIELD_JOURNAL", journal)
+    cores = {"machine_spine_core": 0, "machine_partner_core": 1}
+    monkeypatch.setattr(run.report, "cores", lambda: cores)
+    monkeypatch.setattr(run.os, "sched_setaffinity", lambda *_: None)
+    monkeypatch.setenv(run.SHIELDED, "1")
+    plan = run.plan_of(run.options(["--short"]))
+    assert run.Bench(plan, tmp_path).told["shielded"] is False, "no journal"
+    with journal.open("wb") as held:
+        assert run.Bench(plan, tmp_path).told["shielded"] is False, "left by a killed process"
+        assert "no shield is up" in capsys.readouterr().err
+        fcntl.flock(held, fcntl.LOCK_EX)
+        assert run.Bench(plan, tmp_path).told["shielded"] is True
 
 
 def children_of(group: int) -> int:
