@@ -23,7 +23,7 @@ from bench.tables import Figures
 RECORD = np.dtype(
     [
         *((name, "<i8") for name in ("late_ns", "stolen_ns", "handoff_ns", "release_ns")),
-        *(("switches", "<u4"), ("program", "<u2"), ("told", "<u2")),
+        *((name, "<u2") for name in ("switches", "sleeps", "program", "told")),
     ]
 )
 FLOOR, LITHE, CONTROL, CYCLICTEST = range(4)  # the program's number in a record
@@ -51,9 +51,8 @@ def peer_records(late_ns: list[int] | Late, stolen_ns: int) -> Records:
 
 def stolen(records: Records) -> npt.NDArray[np.bool_]:
     """Whose time the hypervisor took: as in bench/rig/cycles.hpp."""
-    found: npt.NDArray[np.bool_] = (records["switches"] == 0) & (
-        records["stolen_ns"] > np.maximum(5000, records["late_ns"] // 2)
-    )
+    kept = (records["switches"] == 0) & (records["sleeps"] == 0)
+    found: npt.NDArray[np.bool_] = kept & (records["stolen_ns"] > np.maximum(5000, records["late_ns"] // 2))
     return found
 
 

@@ -32,7 +32,7 @@ constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
 enum class Program : std::uint16_t { floor, lithe, control, cyclictest };
 struct Record {
   std::int64_t late_ns, stolen_ns, handoff_ns, release_ns;
-  std::uint32_t switches;
+  std::uint16_t switches, sleeps;
   Program program;
   std::uint16_t told;  // what made it late, for those who read the kernel's trace
 };
@@ -74,7 +74,8 @@ class Subject {
                           each.stolen_ns,
                           each.handoff_ns,
                           each.release_ns,
-                          static_cast<std::uint32_t>(each.switches),
+                          static_cast<std::uint16_t>(each.switches),
+                          static_cast<std::uint16_t>(each.sleeps),
                           program,
                           0};
       written_ += std::fwrite(&record, sizeof record, 1, file_);

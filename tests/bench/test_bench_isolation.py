@@ -160,6 +160,8 @@ def test_releases_are_attributed_by_what_the_kernel_counted(figures: ModuleType)
     assert [told[f"lithe_over_100us_{name}"] for name in figures.CAUSES] == [1, 0, 0, 0, 1, 0, 1]
     assert [len(each) for each in figures.calm(rounds)] == [0, 1, 1], "what the hypervisor took is left out"
     assert not figures.stolen(records(figures, [1.0], stolen_us=4.9))[0], "smaller than the cost of asking"
+    rounds[0]["sleeps"] = 1
+    assert not figures.stolen(rounds[0])[0], "it gave the core away itself"
 
 
 def test_stolen_time_excuses_the_latest_cycles_of_a_program_that_sleeps(figures: ModuleType) -> None:
