@@ -49,6 +49,12 @@ def peer_records(late_ns: list[int] | Late, stolen_ns: int) -> Records:
     return records
 
 
+def kernel_share(before: tuple[int, int], after: tuple[int, int]) -> float:
+    """The stolen share of a core's time between two answers of stolen_ticks(); NaN when no time has passed."""
+    taken, ticks = (b - a for a, b in zip(before, after, strict=True))
+    return taken / ticks if ticks > 0 else math.nan
+
+
 def stolen(records: Records) -> npt.NDArray[np.bool_]:
     """Whose time the hypervisor took: as in bench/rig/cycles.hpp."""
     kept = (records["switches"] == 0) & (records["sleeps"] == 0)

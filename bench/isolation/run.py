@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from lithe.demo.evidence import stolen_ticks
 from lithe.demo.processes import undisturbed
 from lithe.errors import LitheError
 from lithe.programs import binary
@@ -30,7 +31,18 @@ from lithe.programs import binary
 from bench import report
 from bench.isolation import loads, plot, table
 from bench.isolation.attribution import Trace
-from bench.isolation.figures import CONTROL, FLOOR, LITHE, PEERS, Rounds, calm, ratio, stolen, workload_figures
+from bench.isolation.figures import (
+    CONTROL,
+    FLOOR,
+    LITHE,
+    PEERS,
+    Rounds,
+    calm,
+    kernel_share,
+    ratio,
+    stolen,
+    workload_figures,
+)
 from bench.isolation.programs import Peers, Subject
 from bench.isolation.verdict import judge
 from bench.swap.run import plain
@@ -116,12 +128,13 @@ class Bench:
         load = loads.load_of(workload, *cores, self.partner, folder, self.plan.most_s())
         log = self.folder / "loads.log"
         self.told |= {f"load_{workload}": load.words, "loads_log": str(log)}
-        before = subject.swaps(workload == "swap")
+        before, ticks = subject.swaps(workload == "swap"), stolen_ticks(self.spine)
         with loads.running(load, log) as started:
             for number in range(self.plan.rounds):
                 words = f"\rbench: {workload}, round {number + 1} of {self.plan.rounds} "
                 print(words, end="", file=sys.stderr, flush=True)
                 one_round(subject, peers, self.plan, self.seen.setdefault(workload, {}))
+            self.told[f"steal_share_kernel_{workload}"] = kernel_share(ticks, stolen_ticks(self.spine))
             self.told[f"load_ended_{workload}"] = loads.ended_early(started)
             self.told[f"shield_lost_{workload}"] = self.confined and not shield_is_up()
         swaps = subject.swaps(False) - before

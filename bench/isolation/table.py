@@ -60,7 +60,8 @@ def shares(told: Figures, name: str) -> None:
     table("release jitter, steal-aware [us], and shares of cycles later than", head, rows)
     counts = ", ".join(f"{each}: {told[f'lithe_{name}_over_20us_{each}']}" for each in CAUSES)
     missed = ", ".join(f"{each}: {told[f'missed_deadlines_{name}_{each}']}" for each in CAUSES)
-    print(f"  LITHE: {told[f'cycles_{name}']} cycles, stolen {cell(told, f'steal_share_{name}', '.2%')}, ", end="")
+    print(f"  LITHE: {told[f'cycles_{name}']} cycles, stolen {cell(told, f'steal_share_{name}', '.2%')} (", end="")
+    print(f"{cell(told, f'steal_share_kernel_{name}', '.2%')} of the core's time, as the kernel counts), ", end="")
     print(f"preempted {cell(told, f'preempted_share_{name}', '.2%')}; cycles above 20 us by cause: {counts}")
     print(f"  missed deadlines: {told[f'missed_deadlines_{name}']} ({missed}); causes by {told['attribution']}")
 
@@ -111,7 +112,13 @@ def compare(one: Figures, other: Figures) -> str:
     for name in WORKLOADS:
         keys = [f"r999_{each}_{name}" for each in ("floor", *PEERS)]
         keys += [f"{each}_{name}_p999_us" for each in ("floor", "lithe", "handoff", *PEERS)]
-        for key in (*keys, f"missed_deadlines_{name}", f"steal_share_{name}", f"preempted_share_{name}"):
+        for key in (
+            *keys,
+            f"missed_deadlines_{name}",
+            f"steal_share_{name}",
+            f"steal_share_kernel_{name}",
+            f"preempted_share_{name}",
+        ):
             a, b = one.get(key), other.get(key)
             if a is not None or b is not None:
                 change = f"{b / a:.2f}" if a and b is not None else "-"
@@ -152,7 +159,7 @@ def summary(told: Figures) -> Figures:
     """What of a result goes into the folder of boards()."""
     kept = ["verdict", "reason", "shielded", "steal_share", "attribution", "isolation_measured_at"]
     kept += [f"machine_{each}" for each in ("cpu", "cores", "virtual", "kernel", "spine_core_isolation")]
-    each_has = ["cycles_{}", "steal_share_{}", "missed_deadlines_{}", *OF_BOARDS]
+    each_has = ["cycles_{}", "steal_share_{}", "steal_share_kernel_{}", "missed_deadlines_{}", *OF_BOARDS]
     kept += [key.format(name) for name in measured(told) for key in each_has]
     return {key: told[key] for key in kept if key in told}
 

@@ -42,6 +42,7 @@ def doubts(told: Figures, workloads: list[str]) -> list[tuple[str, str]]:
     for name in workloads:
         for key, words, remedy in (
             (f"steal_share_{name}", "stolen by the hypervisor", HOST),
+            (f"steal_share_kernel_{name}", "stolen by the hypervisor, as the kernel counts", HOST),
             (f"floor_preempted_share_{name}", "of the floor preempted by other tasks", quieter),
         ):
             if not number(told, key) <= DISTURBED:

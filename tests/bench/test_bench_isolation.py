@@ -43,6 +43,7 @@ def good() -> dict[str, Any]:
     told: dict[str, Any] = {"control_over_floor": 900.0, "shielded": True, "loads_log": "loads.log"}
     told |= {"rig_swaps": 100, "second_robot_swaps": 20}
     for name in NAMES:
+        told |= {f"steal_share_kernel_{name}": 0.01}
         told |= {f"steal_share_{name}": 0.01, f"floor_preempted_share_{name}": 0.001, f"cycles_{name}": 60_000}
         told |= {f"r999_floor_{name}": 1.0, f"r999_floor_{name}_low": 0.9, f"r999_floor_{name}_high": 1.05}
         told |= {f"r999_cyclictest_{name}": 0.03, f"r999_plain_loop_{name}": 0.01, f"load_ended_{name}": False}
@@ -68,6 +69,7 @@ def test_a_run_of_some_workloads_is_inconclusive(monkeypatch: pytest.MonkeyPatch
     ("bad", "named", "remedy"),
     [
         ({"steal_share_stress": 0.06}, "stress: 6.0% stolen", "bare metal"),
+        ({"steal_share_kernel_numpy": 0.06}, "numpy: 6.0% stolen by the hypervisor, as the kernel", "bare metal"),
         ({"steal_share_idle": math.nan}, "idle: nan% stolen", "bare metal"),
         ({"floor_preempted_share_idle": 0.06}, "idle: 6.0% of the floor preempted", "lithe tune plan"),
         ({"floor_preempted_share_idle": 0.06, "shielded": False}, "preempted", "--shield"),
@@ -164,6 +166,11 @@ def test_releases_are_attributed_by_what_the_kernel_counted(figures: ModuleType)
     assert not figures.stolen(rounds[0])[0], "it gave the core away itself"
 
 
+def test_the_kernels_share_of_stolen_time(figures: ModuleType) -> None:
+    assert figures.kernel_share((10, 1000), (16, 1100)) == 0.06
+    assert math.isnan(figures.kernel_share((10, 1000), (10, 1000)))
+
+
 def test_stolen_time_excuses_the_latest_cycles_of_a_program_that_sleeps(figures: ModuleType) -> None:
     made = figures.peer_records([10, 40_000_000, 20, 39_000_000, 30], 1_500_000)
     assert sorted(made["late_ns"][~figures.stolen(made)]) == [10, 20, 30]
@@ -215,7 +222,7 @@ def result(figures: ModuleType, verdict: ModuleType, late_us: float = 0.5) -> di
     told: dict[str, Any] = {"machine_cpu": "A|B", "machine_cores": 2, "machine_kernel": "6.1", "machine_virtual": True}
     told |= {"machine_isolated_cores": "", "machine_governor": "?", "machine_clock_source": "tsc"}
     told |= {"measured_as_root": True, "shielded": True, "loads_cores": "0", "control_over_floor": 900.0}
-    told |= {"rig_swaps": 100, "second_robot_swaps": 20}
+    told |= {"rig_swaps": 100, "second_robot_swaps": 20} | {f"steal_share_kernel_{name}": 0.0 for name in NAMES}
     told |= {"moteus_loop_absent": "no network", "attribution": "a trace", "steal_share": 0.0} | {
         f"load_{name}": "nothing" for name in NAMES
     }
