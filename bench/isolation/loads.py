@@ -93,7 +93,7 @@ def compile_storm(cores: str, most_s: float) -> Load:
 def swap_storm(partner: int, folder: Path, most_s: float) -> Load:
     """A second robot; and the rig swaps (run.py)."""
     words = (
-        "the measured Spine commits a fresh copy of its law every 20 ms (offer, commit, State carried); on core "
+        "the measured Spine is offered a fresh copy of its law every 20 ms (commit, State carried); on core "
         f"{partner} a second robot (`lithe run`, release sleep) compiles, tries, places and swaps laws without pause"
     )
     storm = (sys.executable, "-m", "bench.isolation.storm", str(folder), f"{most_s:.0f}")

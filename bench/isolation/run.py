@@ -128,8 +128,9 @@ class Bench:
         load = loads.load_of(workload, *cores, self.partner, folder, self.plan.most_s())
         log = self.folder / "loads.log"
         self.told |= {f"load_{workload}": load.words, "loads_log": str(log)}
-        before, ticks = subject.swaps(workload == "swap"), stolen_ticks(self.spine)
         with loads.running(load, log) as started:
+            offers, swaps = subject.offers(workload == "swap"), loads.swaps_in(log)  # from here on they count
+            ticks = stolen_ticks(self.spine)
             for number in range(self.plan.rounds):
                 words = f"\rbench: {workload}, round {number + 1} of {self.plan.rounds} "
                 print(words, end="", file=sys.stderr, flush=True)
@@ -137,9 +138,9 @@ class Bench:
             self.told[f"steal_share_kernel_{workload}"] = kernel_share(ticks, stolen_ticks(self.spine))
             self.told[f"load_ended_{workload}"] = loads.ended_early(started)
             self.told[f"shield_lost_{workload}"] = self.confined and not shield_is_up()
-        swaps = subject.swaps(False) - before
-        if workload == "swap":
-            self.told |= {"rig_swaps": swaps, "second_robot_swaps": loads.swaps_in(log)}
+            if workload == "swap":
+                self.told["second_robot_swaps"] = loads.swaps_in(log) - swaps
+                self.told["rig_offers"] = subject.offers(False) - offers
         print(file=sys.stderr)
 
     def run(self) -> None:

@@ -48,8 +48,9 @@ def shares(told: Figures, name: str) -> None:
     """One workload: quantiles and shares of all programs."""
     print(f"\n{name}: {told.get(f'load_{name}', '')}")
     if name == "swap":
+        swaps = cell(told, "second_robot_swaps", ".0f")
         print(
-            f"  {cell(told, 'rig_swaps', '.0f')} commits; {cell(told, 'second_robot_swaps', '.0f')} swaps of the other"
+            f"  {cell(told, 'rig_offers', '.0f')} laws offered to the measured Spine; {swaps} swaps of the second robot"
         )
     rows = []
     for program, words in WORDS.items():
