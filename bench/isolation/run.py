@@ -2,7 +2,8 @@
 """Release jitter and hand-off of LITHE under load, beside the floor and what people use today: the paper's experiment.
 
 `python -m bench.isolation [--seconds N | --short | --paper] [--workload NAME ...] [--shield]` writes
-out/bench/isolation.json, .png and .html. Under each workload the programs take turns in rounds of a few seconds.
+out/bench/isolation.json, .png and .html; those of the run before become *.previous. Under each workload the programs
+take turns in rounds of a few seconds.
 `compare A.json B.json` prints two results beside each other, `summary RESULT.json` what goes into bench/boards/,
 `table DIR` a table of all results in a folder.
 Exit 0: holds. 1: falls short, or INCONCLUSIVE. 2: usage, or it cannot be measured here.
@@ -11,6 +12,7 @@ Exit 0: holds. 1: falls short, or INCONCLUSIVE. 2: usage, or it cannot be measur
 from __future__ import annotations
 
 import argparse
+import contextlib
 import fcntl
 import json
 import os
@@ -52,6 +54,7 @@ PAPER_S = 300.0  # 300,000 cycles at 1 kHz
 SECONDS = 60.0  # of LITHE in each workload
 PAIRS = 5  # in a round: 500 ms of the floor and 500 ms of LITHE each
 CONTROL_BLOCKS = 6
+RESULTS = ("isolation.json", "isolation.png", "isolation.html")
 SHIELDED = "LITHE_BENCH_SHIELDED"
 SHIELD_JOURNAL = Path("/run/lithe/shield.journal")  # as in host/tune/shield/shield.hpp
 Seen = dict[str, dict[str, Rounds]]  # by workload and program
@@ -200,20 +203,26 @@ def shielded(words: list[str]) -> list[str]:
 def measure(plan: Plan, out: Path) -> Figures:
     """One run; its files stay in `out`/isolation."""
     folder = out / "isolation"
-    shutil.rmtree(folder, ignore_errors=True)
-    (folder / "buses").mkdir(parents=True)
     began, load = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), os.getloadavg()[0]
     here = report.machine()
     bench = Bench(plan, folder)
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "buses").mkdir(parents=True)
+    for name in RESULTS:  # an old result must not look like this run's, should it be stopped
+        with contextlib.suppress(FileNotFoundError):
+            (out / name).replace(out / f"{name}.previous")
     try:
         bench.run()
     finally:
         (folder / "records").unlink(missing_ok=True)
     told = here | {"isolation_measured_at": began, "isolation_load_before": load} | bench.figures()
     told = {key: plain(value) for key, value in told.items()}
-    (out / "isolation.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
-    plot.draw(bench.seen, told, out / "isolation.png")
-    plot.page(told, table.text(told), doctor(), out / "isolation.png", out / "isolation.html")
+    figures, image, page = (folder / name for name in RESULTS)
+    figures.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    plot.draw(bench.seen, told, image)
+    plot.page(told, table.text(told), doctor(), image, page)
+    for path in (figures, image, page):
+        path.replace(out / path.name)
     return told
 
 

