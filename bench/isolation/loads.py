@@ -125,8 +125,10 @@ def end(process: subprocess.Popen[bytes]) -> None:
 
 @contextlib.contextmanager
 def running(load: Load, log: Path) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """The load runs inside the `with`. Its programs have no variables of LITHE that limit numpy's threads."""
-    env = {name: value for name, value in os.environ.items() if name not in THREAD_VARIABLES}
+    """The load runs inside the `with`. Its programs do not have the variables that limit numpy's threads or name the
+    cores to measure on."""
+    kept_out = (*THREAD_VARIABLES, "LITHE_BENCH_CORES")
+    env = {name: value for name, value in os.environ.items() if name not in kept_out}
     started: list[subprocess.Popen[bytes]] = []
     try:
         with log.open("ab") as file:

@@ -120,6 +120,24 @@ def test_a_stopped_run_leaves_no_result_that_looks_like_its_own(
         assert not (tmp_path / name).exists() and (tmp_path / f"{name}.previous").read_text() == "holds"
 
 
+def test_the_second_robot_keeps_off_the_measured_core(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    loads, storm = module("loads", monkeypatch), module("storm", monkeypatch)
+    monkeypatch.setenv("LITHE_BENCH_CORES", "6,7")
+    with loads.running(loads.Load("", (("env",),), ready="PATH="), tmp_path / "log"):
+        assert "LITHE_BENCH_CORES" not in (tmp_path / "log").read_text()
+    asked: dict[str, str] = {}
+
+    @contextlib.contextmanager
+    def running(_: Path, **changes: str) -> Iterator[None]:
+        asked.update(changes)
+        yield None
+
+    monkeypatch.setattr(storm, "running", running)
+    monkeypatch.setattr(storm.os, "sched_getaffinity", lambda _: {7})
+    storm.main(tmp_path / "storm", -1.0)
+    assert [asked[f"cpu_{name}"] for name in ("spine", "brain", "housekeeping")] == ["7"] * 3
+
+
 def children_of(group: int) -> int:
     """Processes in a process group that are not dead."""
     found = subprocess.run(["ps", "-eo", "pgid=,stat="], capture_output=True, text=True, check=True).stdout
