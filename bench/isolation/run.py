@@ -253,6 +253,8 @@ def main(words: list[str]) -> int:
     asked = options(words)
     for number in (signal.SIGINT, signal.SIGTERM):  # also where a shell let both be ignored: the loads must end
         signal.signal(number, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored: under nohup
+        signal.signal(signal.SIGHUP, signal.default_int_handler)
     try:
         if asked.shield and not os.environ.get(SHIELDED):
             command = shielded(words)

@@ -65,11 +65,15 @@ def test_without_the_verb_shield_says_so(
     lithe.write_text("#!/bin/sh\nexit 2\n")
     lithe.chmod(0o755)
     monkeypatch.setenv("LITHE_BIN_DIR", str(tmp_path))
-    before = signal.getsignal(signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
     try:
         assert run.main(["--shield", "--short"]) == 2
+        assert {signal.getsignal(number) for number in before} == {signal.default_int_handler}, "a lost terminal, too"
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        assert run.main(["--shield", "--short"]) == 2 and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN, "nohup"
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     assert "has no `tune shield`" in capsys.readouterr().err
     lithe.write_text("#!/bin/sh\necho 'lithe tune shield -- COMMAND'\n")
     monkeypatch.delenv("LITHE_BENCH_CORES", raising=False)
