@@ -180,4 +180,5 @@ def workload_figures(name: str, seen: dict[str, Rounds]) -> Figures:
         else:
             told |= ratio_figures(f"r999_{program}_{name}", calm(lithe), calm(rounds))
             told |= {f"r999_raw_{program}_{name}": ratio(raw(lithe), raw(rounds))}
+            told |= {f"cycles_{program}_{name}": sum(map(len, rounds))}
     return told

@@ -50,7 +50,6 @@ from bench.isolation.verdict import judge
 from bench.swap.run import plain
 from bench.tables import Figures
 
-PAPER_S = 300.0  # 300,000 cycles at 1 kHz
 SECONDS = 60.0  # of LITHE in each workload
 PAIRS = 5  # in a round: 500 ms of the floor and 500 ms of LITHE each
 CONTROL_BLOCKS = 6
@@ -79,8 +78,9 @@ def plan_of(asked: argparse.Namespace) -> Plan:
     workloads = list(dict.fromkeys(asked.workload or loads.WORKLOADS))
     if asked.short:
         return Plan(workloads, rounds=1, pairs=2, peer_s=1.0)
-    seconds = PAPER_S if asked.paper else asked.seconds
-    return Plan(workloads, rounds=max(1, round(seconds / (PAIRS * 0.5))), pairs=PAIRS, peer_s=1.0)
+    if asked.paper:  # 300 s of each: 300,000 cycles at 1 kHz
+        return Plan(workloads, rounds=100, pairs=6, peer_s=3.0)
+    return Plan(workloads, rounds=max(1, round(asked.seconds / (PAIRS * 0.5))), pairs=PAIRS, peer_s=1.0)
 
 
 def shield_is_up() -> bool:

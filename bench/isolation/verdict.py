@@ -17,7 +17,7 @@ MOST_OVER_FLOOR = 1.1
 MOST_OVER_PEER = 0.1
 MOST_LATER = 0.001  # of the cycles: how many more of LITHE's than of the floor's may be later than a limit
 JUDGED_PEERS = ("cyclictest", "plain_loop")
-LEAST_CYCLES = 10_000  # of LITHE in each workload: ten beyond p99.9
+LEAST_CYCLES = 10_000  # of LITHE and of each judged peer in each workload: ten beyond p99.9
 CONTROL_AT_LEAST = 20.0
 
 SHIELD = "`--shield` takes the Spine's core from all other tasks for this run (needs root, undone at the end)"
@@ -55,6 +55,8 @@ def doubts(told: Figures, workloads: list[str]) -> list[tuple[str, str]]:
                 found.append(
                     (f"{name}: no {peer} ({why})", MISSING if peer == "cyclictest" else "make bench-isolation")
                 )
+            elif not (cycles := number(told, f"cycles_{peer}_{name}")) >= LEAST_CYCLES:
+                found.append((f"{name}: {cycles:.0f} cycles of {peer}, {LEAST_CYCLES} are needed", LONGER))
         if name == "swap":  # one in each round; the last offer may not have been taken
             rounds = number(told, "rounds_swap")
             if not (number(told, "rig_offers") > rounds and number(told, "second_robot_swaps") >= rounds):

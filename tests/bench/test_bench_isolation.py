@@ -40,6 +40,7 @@ def good() -> dict[str, Any]:
         told |= {f"steal_share_{name}": 0.01, f"floor_preempted_share_{name}": 0.001, f"cycles_{name}": 60_000}
         told |= {f"r999_floor_{name}": 1.0, f"r999_floor_{name}_low": 0.9, f"r999_floor_{name}_high": 1.05}
         told |= {f"r999_cyclictest_{name}": 0.03, f"r999_plain_loop_{name}": 0.01, f"load_ended_{name}": False}
+        told |= {f"cycles_cyclictest_{name}": 60_000, f"cycles_plain_loop_{name}": 10_000}
         told |= {f"r999_cyclictest_{name}_high": 0.09, f"r999_plain_loop_{name}_high": 0.02}
         for limit_us in LIMITS_US:
             key = f"late_{name}_over_{limit_us}us_difference"
@@ -58,6 +59,12 @@ def test_a_run_of_some_workloads_is_inconclusive(monkeypatch: pytest.MonkeyPatch
     assert run.plan_of(run.options(["--workload", "swap", "--workload", "swap"])).workloads == ["swap"]
 
 
+def test_the_papers_form_has_its_number_of_cycles_of_each_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = module("run", monkeypatch)
+    plan = run.plan_of(run.options(["--paper"]))
+    assert plan.rounds * plan.pairs * 500 == plan.rounds * round(plan.peer_s) * 1000 == 300_000
+
+
 @pytest.mark.parametrize(
     ("bad", "named", "remedy"),
     [
@@ -69,6 +76,8 @@ def test_a_run_of_some_workloads_is_inconclusive(monkeypatch: pytest.MonkeyPatch
         ({"control_over_floor": 19.0}, "the negative control did not fail", "lithe tune plan"),
         ({"control_over_floor": None, "shielded": False}, "the negative control did not fail", "--shield"),
         ({"cycles_stress": 9_999}, "stress: 9999 cycles, 10000 are needed", "--paper"),
+        ({"cycles_plain_loop_swap": 9_999}, "swap: 9999 cycles of plain_loop, 10000 are needed", "--paper"),
+        ({"cycles_cyclictest_idle": None}, "idle: nan cycles of cyclictest", "--paper"),
         (
             {"r999_cyclictest_stress": None, "cyclictest_absent": "it is missing"},
             "stress: no cyclictest (it is missing)",
@@ -240,6 +249,7 @@ def test_every_figure_that_the_issue_names_is_there(figures: ModuleType, verdict
     told = result(figures, verdict)
     assert told["verdict"] == "INCONCLUSIVE" and "4500 cycles" in told["reason"]
     for name in NAMES:
+        assert told[f"cycles_{name}"] == told[f"cycles_cyclictest_{name}"] == told[f"cycles_plain_loop_{name}"] == 4500
         for program in ("floor", "cyclictest", "plain_loop"):
             assert told[f"r999_{program}_{name}"] > 0
         for key in ("steal_share", "preempted_share", "missed_deadlines", "late", "handoff"):
