@@ -172,6 +172,7 @@ def workload_figures(name: str, seen: dict[str, Rounds]) -> Figures:
     done = [each[each["handoff_ns"] >= 0] for each in lithe]  # a skipped release has no hand-off
     told |= quantiles(f"handoff_{name}", [each["handoff_ns"][~stolen(each)] for each in done])
     told |= quantiles(f"handoff_raw_{name}", [each["handoff_ns"] for each in done])
+    told |= {f"r999_{peer}_{name}": math.nan for peer in PEERS}  # unless it was seen
     for program, rounds in seen.items():
         told |= quantiles(f"{program}_{name}", calm(rounds)) | quantiles(f"{program}_raw_{name}", raw(rounds))
         told |= share_figures(f"{program}_{name}", calm(rounds))

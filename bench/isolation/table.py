@@ -106,20 +106,24 @@ def load(path: Path) -> Figures:
     return told
 
 
+def rates(told: Figures) -> Figures:
+    """A result, and its counts as shares of the cycles: two runs may differ in length."""
+    shares = {name: told.get(f"missed_deadlines_{name}", 0) / max(told[f"cycles_{name}"], 1) for name in measured(told)}
+    return told | {f"missed_deadlines_share_{name}": share for name, share in shares.items()}
+
+
 def compare(one: Figures, other: Figures) -> str:
     """Two results beside each other, and the second over the first."""
     rows = [["verdict", str(one["verdict"]), str(other["verdict"]), ""]]
     rows += [[key, str(one.get(key)), str(other.get(key)), ""] for key in ("machine_cpu", "machine_kernel", "shielded")]
+    one, other = rates(one), rates(other)
     for name in WORKLOADS:
+        words = [f"load_{name}", *(f"cycles_{each}{name}" for each in ("", *(f"{peer}_" for peer in PEERS)))]
+        rows += [[key, str(one.get(key)), str(other.get(key)), ""] for key in words if key in one or key in other]
         keys = [f"r999_{each}_{name}" for each in ("floor", *PEERS)]
         keys += [f"{each}_{name}_p999_us" for each in ("floor", "lithe", "handoff", *PEERS)]
-        for key in (
-            *keys,
-            f"missed_deadlines_{name}",
-            f"steal_share_{name}",
-            f"steal_share_kernel_{name}",
-            f"preempted_share_{name}",
-        ):
+        shares = ("missed_deadlines_share", "steal_share", "steal_share_kernel", "preempted_share")
+        for key in (*keys, *(f"{each}_{name}" for each in shares)):
             a, b = one.get(key), other.get(key)
             if a is not None or b is not None:
                 change = f"{b / a:.2f}" if a and b is not None else "-"
@@ -160,7 +164,7 @@ def summary(told: Figures) -> Figures:
     """What of a result goes into the folder of boards()."""
     kept = ["verdict", "reason", "shielded", "steal_share", "attribution", "isolation_measured_at"]
     kept += [f"machine_{each}" for each in ("cpu", "cores", "virtual", "kernel", "spine_core_isolation")]
-    each_has = ["cycles_{}", "steal_share_{}", "steal_share_kernel_{}", "missed_deadlines_{}", *OF_BOARDS]
+    each_has = ["load_{}", "cycles_{}", "steal_share_{}", "steal_share_kernel_{}", "missed_deadlines_{}", *OF_BOARDS]
     kept += [key.format(name) for name in measured(told) for key in each_has]
     return {key: told[key] for key in kept if key in told}
 

@@ -249,6 +249,7 @@ def test_every_figure_that_the_issue_names_is_there(figures: ModuleType, verdict
     told = result(figures, verdict)
     assert told["verdict"] == "INCONCLUSIVE" and "4500 cycles" in told["reason"]
     for name in NAMES:
+        assert math.isnan(told[f"r999_moteus_loop_{name}"]), "absent, so null in the file"
         assert told[f"cycles_{name}"] == told[f"cycles_cyclictest_{name}"] == told[f"cycles_plain_loop_{name}"] == 4500
         for program in ("floor", "cyclictest", "plain_loop"):
             assert told[f"r999_{program}_{name}"] > 0
@@ -269,16 +270,28 @@ def test_results_are_shown_compared_and_put_into_a_table(
     for name, told in (("a", one), ("b", other)):
         (tmp_path / f"{name}.json").write_text(json.dumps(told))
     assert table.main(["compare", str(tmp_path / "a.json"), str(tmp_path / "b.json")]) == 0
-    row = next(line.split() for line in capsys.readouterr().out.splitlines() if "lithe_stress_p999_us" in line)
+    compared = capsys.readouterr().out
+    row = next(line.split() for line in compared.splitlines() if "lithe_stress_p999_us" in line)
     assert float(row[3]) == pytest.approx(60, rel=0.02), "B / A"
     assert table.main(["table", str(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert table.main(["summary", str(tmp_path / "a.json")]) == 0
     small = json.loads(capsys.readouterr().out)
     (tmp_path / "a.json").write_text(json.dumps(small))
+    assert small["load_stress"] == "nothing"
     assert len(small) < len(one) / 5 and table.boards(tmp_path).splitlines() == lines, "the table needs no more"
     assert len(lines) == 4 and lines[2].startswith("| a: A/B, 2 cores | 6.1 |")
     assert {line.count("|") for line in lines} == {10}
+
+
+def test_runs_of_different_length_are_compared_by_rates(
+    figures: ModuleType, verdict: ModuleType, table: ModuleType
+) -> None:
+    one = result(figures, verdict) | {"cycles_swap": 1000, "missed_deadlines_swap": 1, "load_swap": "a storm"}
+    other = one | {"cycles_swap": 10_000, "missed_deadlines_swap": 20, "load_swap": "two storms"}
+    rows = [line.split() for line in table.compare(one, other).splitlines()]
+    assert ["missed_deadlines_share_swap", "0.001", "0.002", "2.00"] in rows
+    assert ["cycles_swap", "1000", "10000"] in rows and ["load_swap", "a", "storm", "two", "storms"] in rows
 
 
 def test_the_page_has_the_table_of_the_boards_whose_results_are_here(table: ModuleType) -> None:
