@@ -184,6 +184,12 @@ def test_a_short_run_from_end_to_end(tmp_path: Path) -> None:
     for name in ("stress", "numpy", "compile", "swap", "idle"):
         assert told[f"cycles_{name}"] >= 900 and told[f"handoff_{name}_p50_us"] > 0, name
         assert told[f"r999_plain_loop_{name}"] > 0 and not told[f"load_ended_{name}"], name
-    assert told["rig_offers"] >= 10 and told["second_robot_swaps"] >= 1 and told["control_over_floor"] > 0
+    assert told["rig_offers"] >= 10 and told["second_robot_swaps"] >= 1, "in the measured rounds"
+    programs = ("floor", "lithe", "plain_loop")
+    keys = {f"{program}_stress_over_{limit_us}us" for program in programs for limit_us in (1, 5, 20, 100)}
+    keys |= {f"r999_floor_{name}" for name in ("stress", "numpy", "swap", "compile", "idle")}
+    keys |= {"r999_cyclictest_stress", "r999_plain_loop_numpy", "steal_share", "steal_share_kernel_stress"}
+    assert keys <= told.keys(), keys - told.keys()
+    assert told["control_over_floor"] is not None, "the control was measured"
     assert (tmp_path / "isolation.html").stat().st_size > 50_000
     assert not (tmp_path / "isolation/records").exists()
