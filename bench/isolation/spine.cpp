@@ -3,7 +3,7 @@
 //
 //   bench_isolation RECORDS_FILE
 //
-// Reads lines `VERB NUMBER`, appends a Record for each release to RECORDS_FILE, and answers {"records": N, "offers": N}:
+// Reads lines `VERB NUMBER`, appends a Record of each release to RECORDS_FILE, answers {"records": N, "offers": N}:
 //   pairs N        N times 500 ms of a bare spin (the floor) and 500 ms of LITHE
 //   control N      N times 500 ms of LITHE with another busy thread on its core: the negative control
 //   cyclictest S   cyclictest on the same core for S seconds

@@ -26,7 +26,7 @@ struct Cycle {
   std::int64_t bus_ns = kUnknownNs;      // the exchange that brought the tick's sample; likewise
   std::int64_t release_ns = 0;           // when it was due, CLOCK_MONOTONIC
 
-  // The hypervisor had the core: time is missing, no other thread of this machine ran instead, and this one never slept.
+  // The hypervisor had the core: time is missing, no other thread of this machine ran instead, this one never slept.
   bool stolen() const { return switches == 0 && sleeps == 0 && stolen_ns > std::max<std::int64_t>(5000, late_ns / 2); }
 };
 
