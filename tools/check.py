@@ -112,7 +112,7 @@ STEPS = [
     ),
     Step(
         "pytest-long",
-        f"{build('release')} && {PYTHON} -m pytest -m long",
+        f"{build('bench')} && {PYTHON} -m pytest -m long",  # one of them runs the isolation bench
         f"{PYTHON} -m pytest -m long -x -k NAME",
         long=True,
     ),

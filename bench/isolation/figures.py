@@ -23,7 +23,7 @@ from bench.tables import Figures
 RECORD = np.dtype(
     [
         *((name, "<i8") for name in ("late_ns", "stolen_ns", "handoff_ns", "release_ns")),
-        *(("switches", "<u4"), ("program", "<u2"), ("told", "<u2")),
+        *((name, "<u2") for name in ("switches", "sleeps", "program", "told")),
     ]
 )
 FLOOR, LITHE, CONTROL, CYCLICTEST = range(4)  # the program's number in a record
@@ -49,11 +49,16 @@ def peer_records(late_ns: list[int] | Late, stolen_ns: int) -> Records:
     return records
 
 
+def kernel_share(before: tuple[int, int], after: tuple[int, int]) -> float:
+    """The stolen share of a core's time between two answers of stolen_ticks(); NaN when no time has passed."""
+    taken, ticks = (b - a for a, b in zip(before, after, strict=True))
+    return taken / ticks if ticks > 0 else math.nan
+
+
 def stolen(records: Records) -> npt.NDArray[np.bool_]:
     """Whose time the hypervisor took: as in bench/rig/cycles.hpp."""
-    found: npt.NDArray[np.bool_] = (records["switches"] == 0) & (
-        records["stolen_ns"] > np.maximum(5000, records["late_ns"] // 2)
-    )
+    kept = (records["switches"] == 0) & (records["sleeps"] == 0)
+    found: npt.NDArray[np.bool_] = kept & (records["stolen_ns"] > np.maximum(5000, records["late_ns"] // 2))
     return found
 
 
@@ -167,6 +172,7 @@ def workload_figures(name: str, seen: dict[str, Rounds]) -> Figures:
     done = [each[each["handoff_ns"] >= 0] for each in lithe]  # a skipped release has no hand-off
     told |= quantiles(f"handoff_{name}", [each["handoff_ns"][~stolen(each)] for each in done])
     told |= quantiles(f"handoff_raw_{name}", [each["handoff_ns"] for each in done])
+    told |= {f"r999_{peer}_{name}": math.nan for peer in PEERS}  # unless it was seen
     for program, rounds in seen.items():
         told |= quantiles(f"{program}_{name}", calm(rounds)) | quantiles(f"{program}_raw_{name}", raw(rounds))
         told |= share_figures(f"{program}_{name}", calm(rounds))
@@ -175,4 +181,5 @@ def workload_figures(name: str, seen: dict[str, Rounds]) -> Figures:
         else:
             told |= ratio_figures(f"r999_{program}_{name}", calm(lithe), calm(rounds))
             told |= {f"r999_raw_{program}_{name}": ratio(raw(lithe), raw(rounds))}
+            told |= {f"cycles_{program}_{name}": sum(map(len, rounds))}
     return told

@@ -93,7 +93,7 @@ def compile_storm(cores: str, most_s: float) -> Load:
 def swap_storm(partner: int, folder: Path, most_s: float) -> Load:
     """A second robot; and the rig swaps (run.py)."""
     words = (
-        "the measured Spine commits a fresh copy of its law every 20 ms (offer, commit, State carried); on core "
+        "the measured Spine is offered a fresh copy of its law every 20 ms (commit, State carried); on core "
         f"{partner} a second robot (`lithe run`, release sleep) compiles, tries, places and swaps laws without pause"
     )
     storm = (sys.executable, "-m", "bench.isolation.storm", str(folder), f"{most_s:.0f}")
@@ -125,8 +125,10 @@ def end(process: subprocess.Popen[bytes]) -> None:
 
 @contextlib.contextmanager
 def running(load: Load, log: Path) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """The load runs inside the `with`. Its programs have no variables of LITHE that limit numpy's threads."""
-    env = {name: value for name, value in os.environ.items() if name not in THREAD_VARIABLES}
+    """The load runs inside the `with`. Its programs do not have the variables that limit numpy's threads or name the
+    cores to measure on."""
+    kept_out = (*THREAD_VARIABLES, "LITHE_BENCH_CORES")
+    env = {name: value for name, value in os.environ.items() if name not in kept_out}
     started: list[subprocess.Popen[bytes]] = []
     try:
         with log.open("ab") as file:

@@ -38,8 +38,9 @@ def draw(seen: dict[str, dict[str, Rounds]], told: Figures, path: Path) -> None:
             handoff_us = records["handoff_ns"][records["handoff_ns"] >= 0] / 1e3
             late_us = np.concatenate(calm(programs_seen["lithe"])) / 1e3
             for axes, values, bins in ((panels[0], handoff_us, handoff_bins), (panels[1], late_us, jitter_bins)):
-                outside = np.mean(values > bins[-1])
-                label = f"{name}, max {values.max():,.3f} µs" + (f", {outside:.2%} beyond" if outside else "")
+                outside = np.count_nonzero(values > bins[-1]) / max(len(values), 1)
+                label = f"{name}, max {values.max():,.3f} µs" if len(values) else f"{name}, all stolen"
+                label += f", {outside:.2%} beyond" if outside else ""
                 axes.stairs(np.histogram(values, bins)[0], bins, color=colours[name], label=label)
         for axes, paper_us, title in (
             (panels[0], PAPER_HANDOFF_US, "(a) Hand-off time of LITHE"),
@@ -56,12 +57,13 @@ def draw(seen: dict[str, dict[str, Rounds]], told: Figures, path: Path) -> None:
             for program, rounds in programs_seen.items():
                 late_us = np.sort(np.maximum(np.concatenate(calm(rounds)) / 1e3, 0.01))
                 later = 1 - np.arange(len(late_us)) / len(late_us)
-                axes.plot(late_us, later, color=programs[program], lw=1.1, label=WORDS[program])
+                if len(late_us):
+                    axes.plot(late_us, later, color=programs[program], lw=1.1, label=WORDS[program])
             axes.set(xscale="log", yscale="log", xlabel="µs")
             axes.axvline(LEAST_US, color=GREY, lw=0.5)
             axes.set_title(name)
         rows[0].set_ylabel("(c) share of cycles later than x")
-        rows[0].legend(fontsize=7, frameon=False)
+        rows[0].legend(*rows[0].get_legend_handles_labels(), fontsize=7, frameon=False)
         figure.suptitle(
             f"{told['machine_cpu']} · Linux {told['machine_kernel']} · {told['verdict']}", fontsize=8, color=GREY
         )

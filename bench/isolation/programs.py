@@ -61,9 +61,9 @@ class Subject(Asked):
         self._read += len(records)
         return records
 
-    def swaps(self, on: bool) -> int:
-        """Starts or stops the swaps; how many there were so far."""
-        return int(ask(self, f"swaps {int(on)}", 1)["swaps"])
+    def offers(self, on: bool) -> int:
+        """Starts or stops the swaps; how many laws were offered so far. Each was taken before the next could be."""
+        return int(ask(self, f"swaps {int(on)}", 1)["offers"])
 
 
 def steal_ns(cores: list[int]) -> int:

@@ -2,7 +2,8 @@
 """Release jitter and hand-off of LITHE under load, beside the floor and what people use today: the paper's experiment.
 
 `python -m bench.isolation [--seconds N | --short | --paper] [--workload NAME ...] [--shield]` writes
-out/bench/isolation.json, .png and .html. Under each workload the programs take turns in rounds of a few seconds.
+out/bench/isolation.json, .png and .html; those of the run before become *.previous. Under each workload the programs
+take turns in rounds of a few seconds.
 `compare A.json B.json` prints two results beside each other, `summary RESULT.json` what goes into bench/boards/,
 `table DIR` a table of all results in a folder.
 Exit 0: holds. 1: falls short, or INCONCLUSIVE. 2: usage, or it cannot be measured here.
@@ -11,6 +12,8 @@ Exit 0: holds. 1: falls short, or INCONCLUSIVE. 2: usage, or it cannot be measur
 from __future__ import annotations
 
 import argparse
+import contextlib
+import fcntl
 import json
 import os
 import shutil
@@ -22,6 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from lithe.demo.evidence import stolen_ticks
 from lithe.demo.processes import undisturbed
 from lithe.errors import LitheError
 from lithe.programs import binary
@@ -29,17 +33,29 @@ from lithe.programs import binary
 from bench import report
 from bench.isolation import loads, plot, table
 from bench.isolation.attribution import Trace
-from bench.isolation.figures import CONTROL, FLOOR, LITHE, PEERS, Rounds, calm, ratio, stolen, workload_figures
+from bench.isolation.figures import (
+    CONTROL,
+    FLOOR,
+    LITHE,
+    PEERS,
+    Rounds,
+    calm,
+    kernel_share,
+    ratio,
+    stolen,
+    workload_figures,
+)
 from bench.isolation.programs import Peers, Subject
 from bench.isolation.verdict import judge
 from bench.swap.run import plain
 from bench.tables import Figures
 
-PAPER_S = 300.0  # 300,000 cycles at 1 kHz
 SECONDS = 60.0  # of LITHE in each workload
 PAIRS = 5  # in a round: 500 ms of the floor and 500 ms of LITHE each
 CONTROL_BLOCKS = 6
+RESULTS = ("isolation.json", "isolation.png", "isolation.html")
 SHIELDED = "LITHE_BENCH_SHIELDED"
+SHIELD_JOURNAL = Path("/run/lithe/shield.journal")  # as in host/tune/shield/shield.hpp
 Seen = dict[str, dict[str, Rounds]]  # by workload and program
 
 
@@ -59,11 +75,24 @@ class Plan:
 
 def plan_of(asked: argparse.Namespace) -> Plan:
     """The plan that the options ask for."""
-    workloads = asked.workload or list(loads.WORKLOADS)
+    workloads = list(dict.fromkeys(asked.workload or loads.WORKLOADS))
     if asked.short:
         return Plan(workloads, rounds=1, pairs=2, peer_s=1.0)
-    seconds = PAPER_S if asked.paper else asked.seconds
-    return Plan(workloads, rounds=max(1, round(seconds / (PAIRS * 0.5))), pairs=PAIRS, peer_s=1.0)
+    if asked.paper:  # 300 s of each: 300,000 cycles at 1 kHz
+        return Plan(workloads, rounds=100, pairs=6, peer_s=3.0)
+    return Plan(workloads, rounds=max(1, round(asked.seconds / (PAIRS * 0.5))), pairs=PAIRS, peer_s=1.0)
+
+
+def shield_is_up() -> bool:
+    """Whether a living process holds the lock on the shield's journal, as it does until the shield is lowered."""
+    try:
+        with SHIELD_JOURNAL.open("rb") as journal:
+            fcntl.flock(journal, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        pass
+    return False
 
 
 def one_round(subject: Subject, peers: Peers, plan: Plan, seen: dict[str, Rounds]) -> None:
@@ -88,7 +117,9 @@ class Bench:
         self.spine, self.partner = int(here["machine_spine_core"]), int(here["machine_partner_core"])
         self.all = sorted(os.sched_getaffinity(0) | {self.spine, self.partner})
         others = [core for core in self.all if core != self.spine]
-        self.confined = bool(os.environ.get(SHIELDED))
+        self.confined = bool(os.environ.get(SHIELDED)) and shield_is_up()
+        if os.environ.get(SHIELDED) and not self.confined:
+            print(f"bench: {SHIELDED} is set, but no shield is up: measured without one", file=sys.stderr)
         self.load_cores = ",".join(map(str, others if self.confined else self.all))
         os.sched_setaffinity(0, set(others) & os.sched_getaffinity(0) or set(others))  # this process measures nothing
         self.seen: Seen = {}
@@ -100,16 +131,19 @@ class Bench:
         load = loads.load_of(workload, *cores, self.partner, folder, self.plan.most_s())
         log = self.folder / "loads.log"
         self.told |= {f"load_{workload}": load.words, "loads_log": str(log)}
-        before = subject.swaps(workload == "swap")
         with loads.running(load, log) as started:
+            offers, swaps = subject.offers(workload == "swap"), loads.swaps_in(log)  # from here on they count
+            ticks = stolen_ticks(self.spine)
             for number in range(self.plan.rounds):
                 words = f"\rbench: {workload}, round {number + 1} of {self.plan.rounds} "
                 print(words, end="", file=sys.stderr, flush=True)
                 one_round(subject, peers, self.plan, self.seen.setdefault(workload, {}))
+            self.told[f"steal_share_kernel_{workload}"] = kernel_share(ticks, stolen_ticks(self.spine))
             self.told[f"load_ended_{workload}"] = loads.ended_early(started)
-        swaps = subject.swaps(False) - before
-        if workload == "swap":
-            self.told |= {"rig_swaps": swaps, "second_robot_swaps": loads.swaps_in(log)}
+            self.told[f"shield_lost_{workload}"] = self.confined and not shield_is_up()
+            if workload == "swap":
+                self.told["second_robot_swaps"] = loads.swaps_in(log) - swaps
+                self.told["rig_offers"] = subject.offers(False) - offers
         print(file=sys.stderr)
 
     def run(self) -> None:
@@ -169,20 +203,26 @@ def shielded(words: list[str]) -> list[str]:
 def measure(plan: Plan, out: Path) -> Figures:
     """One run; its files stay in `out`/isolation."""
     folder = out / "isolation"
-    shutil.rmtree(folder, ignore_errors=True)
-    (folder / "buses").mkdir(parents=True)
     began, load = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), os.getloadavg()[0]
     here = report.machine()
     bench = Bench(plan, folder)
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "buses").mkdir(parents=True)
+    for name in RESULTS:  # an old result must not look like this run's, should it be stopped
+        with contextlib.suppress(FileNotFoundError):
+            (out / name).replace(out / f"{name}.previous")
     try:
         bench.run()
     finally:
         (folder / "records").unlink(missing_ok=True)
     told = here | {"isolation_measured_at": began, "isolation_load_before": load} | bench.figures()
     told = {key: plain(value) for key, value in told.items()}
-    (out / "isolation.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
-    plot.draw(bench.seen, told, out / "isolation.png")
-    plot.page(told, table.text(told), doctor(), out / "isolation.png", out / "isolation.html")
+    figures, image, page = (folder / name for name in RESULTS)
+    figures.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    plot.draw(bench.seen, told, image)
+    plot.page(told, table.text(told), doctor(), image, page)
+    for path in (figures, image, page):
+        path.replace(out / path.name)
     return told
 
 
@@ -213,6 +253,8 @@ def main(words: list[str]) -> int:
     asked = options(words)
     for number in (signal.SIGINT, signal.SIGTERM):  # also where a shell let both be ignored: the loads must end
         signal.signal(number, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored: under nohup
+        signal.signal(signal.SIGHUP, signal.default_int_handler)
     try:
         if asked.shield and not os.environ.get(SHIELDED):
             command = shielded(words)

@@ -3,11 +3,11 @@
 //
 //   bench_isolation RECORDS_FILE
 //
-// Reads lines `VERB NUMBER`, appends a Record for each release to RECORDS_FILE, and answers {"records": N, "swaps": N}:
+// Reads lines `VERB NUMBER`, appends a Record of each release to RECORDS_FILE, answers {"records": N, "offers": N}:
 //   pairs N        N times 500 ms of a bare spin (the floor) and 500 ms of LITHE
 //   control N      N times 500 ms of LITHE with another busy thread on its core: the negative control
 //   cyclictest S   cyclictest on the same core for S seconds
-//   swaps 0|1      from now on, a law is committed every 20 ms, or none
+//   swaps 0|1      from now on, a law is offered every 20 ms, or none
 #include <atomic>
 #include <cstdio>
 #include <cstdlib>
@@ -32,7 +32,7 @@ constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
 enum class Program : std::uint16_t { floor, lithe, control, cyclictest };
 struct Record {
   std::int64_t late_ns, stolen_ns, handoff_ns, release_ns;
-  std::uint32_t switches;
+  std::uint16_t switches, sleeps;
   Program program;
   std::uint16_t told;  // what made it late, for those who read the kernel's trace
 };
@@ -63,7 +63,7 @@ class Subject {
     answer();
   }
   void answer() const {
-    std::printf("{\"records\": %zu, \"swaps\": %llu}\n", written_, static_cast<unsigned long long>(rig_.swaps()));
+    std::printf("{\"records\": %zu, \"offers\": %llu}\n", written_, static_cast<unsigned long long>(rig_.offers()));
     std::fflush(stdout);
   }
 
@@ -74,7 +74,8 @@ class Subject {
                           each.stolen_ns,
                           each.handoff_ns,
                           each.release_ns,
-                          static_cast<std::uint32_t>(each.switches),
+                          static_cast<std::uint16_t>(each.switches),
+                          static_cast<std::uint16_t>(each.sleeps),
                           program,
                           0};
       written_ += std::fwrite(&record, sizeof record, 1, file_);

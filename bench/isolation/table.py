@@ -48,8 +48,9 @@ def shares(told: Figures, name: str) -> None:
     """One workload: quantiles and shares of all programs."""
     print(f"\n{name}: {told.get(f'load_{name}', '')}")
     if name == "swap":
+        swaps = cell(told, "second_robot_swaps", ".0f")
         print(
-            f"  {cell(told, 'rig_swaps', '.0f')} commits; {cell(told, 'second_robot_swaps', '.0f')} swaps of the other"
+            f"  {cell(told, 'rig_offers', '.0f')} laws offered to the measured Spine; {swaps} swaps of the second robot"
         )
     rows = []
     for program, words in WORDS.items():
@@ -60,7 +61,8 @@ def shares(told: Figures, name: str) -> None:
     table("release jitter, steal-aware [us], and shares of cycles later than", head, rows)
     counts = ", ".join(f"{each}: {told[f'lithe_{name}_over_20us_{each}']}" for each in CAUSES)
     missed = ", ".join(f"{each}: {told[f'missed_deadlines_{name}_{each}']}" for each in CAUSES)
-    print(f"  LITHE: {told[f'cycles_{name}']} cycles, stolen {cell(told, f'steal_share_{name}', '.2%')}, ", end="")
+    print(f"  LITHE: {told[f'cycles_{name}']} cycles, stolen {cell(told, f'steal_share_{name}', '.2%')} (", end="")
+    print(f"{cell(told, f'steal_share_kernel_{name}', '.2%')} of the core's time, as the kernel counts), ", end="")
     print(f"preempted {cell(told, f'preempted_share_{name}', '.2%')}; cycles above 20 us by cause: {counts}")
     print(f"  missed deadlines: {told[f'missed_deadlines_{name}']} ({missed}); causes by {told['attribution']}")
 
@@ -74,7 +76,7 @@ def show(told: Figures) -> None:
         shares(told, name)
     rows = [quantile_row(name, told, f"handoff_{name}") for name in measured(told)]
     table(f"hand-off time of LITHE [us]; the paper's worst is {PAPER_HANDOFF_US:.1f}", HEAD, rows)
-    worst = max((told[f"lithe_{name}_max_us"] for name in measured(told)), default=None)
+    worst = max((told.get(f"lithe_{name}_max_us") or 0.0 for name in measured(told)), default=0.0)
     print(f"  release jitter: worst {worst:.2f} us steal-aware; the paper's worst is {PAPER_JITTER_US:.2f}")
     print(f"  negative control, another busy thread on the core: {cell(told, 'control_over_floor', '.0f')} x the floor")
     for peer in PEERS:
@@ -104,14 +106,24 @@ def load(path: Path) -> Figures:
     return told
 
 
+def rates(told: Figures) -> Figures:
+    """A result, and its counts as shares of the cycles: two runs may differ in length."""
+    shares = {name: told.get(f"missed_deadlines_{name}", 0) / max(told[f"cycles_{name}"], 1) for name in measured(told)}
+    return told | {f"missed_deadlines_share_{name}": share for name, share in shares.items()}
+
+
 def compare(one: Figures, other: Figures) -> str:
     """Two results beside each other, and the second over the first."""
     rows = [["verdict", str(one["verdict"]), str(other["verdict"]), ""]]
     rows += [[key, str(one.get(key)), str(other.get(key)), ""] for key in ("machine_cpu", "machine_kernel", "shielded")]
+    one, other = rates(one), rates(other)
     for name in WORKLOADS:
+        words = [f"load_{name}", *(f"cycles_{each}{name}" for each in ("", *(f"{peer}_" for peer in PEERS)))]
+        rows += [[key, str(one.get(key)), str(other.get(key)), ""] for key in words if key in one or key in other]
         keys = [f"r999_{each}_{name}" for each in ("floor", *PEERS)]
         keys += [f"{each}_{name}_p999_us" for each in ("floor", "lithe", "handoff", *PEERS)]
-        for key in (*keys, f"missed_deadlines_{name}", f"steal_share_{name}", f"preempted_share_{name}"):
+        shares = ("missed_deadlines_share", "steal_share", "steal_share_kernel", "preempted_share")
+        for key in (*keys, *(f"{each}_{name}" for each in shares)):
             a, b = one.get(key), other.get(key)
             if a is not None or b is not None:
                 change = f"{b / a:.2f}" if a and b is not None else "-"
@@ -152,7 +164,7 @@ def summary(told: Figures) -> Figures:
     """What of a result goes into the folder of boards()."""
     kept = ["verdict", "reason", "shielded", "steal_share", "attribution", "isolation_measured_at"]
     kept += [f"machine_{each}" for each in ("cpu", "cores", "virtual", "kernel", "spine_core_isolation")]
-    each_has = ["cycles_{}", "steal_share_{}", "missed_deadlines_{}", *OF_BOARDS]
+    each_has = ["load_{}", "cycles_{}", "steal_share_{}", "steal_share_kernel_{}", "missed_deadlines_{}", *OF_BOARDS]
     kept += [key.format(name) for name in measured(told) for key in each_has]
     return {key: told[key] for key in kept if key in told}
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from bench.isolation.loads import APT
+from bench.isolation.loads import APT, WORKLOADS
 from bench.report import DISTURBED
 from bench.swap.stats import LIMITS_US
 from bench.tables import Figures
@@ -17,7 +17,7 @@ MOST_OVER_FLOOR = 1.1
 MOST_OVER_PEER = 0.1
 MOST_LATER = 0.001  # of the cycles: how many more of LITHE's than of the floor's may be later than a limit
 JUDGED_PEERS = ("cyclictest", "plain_loop")
-LEAST_CYCLES = 10_000  # of LITHE in each workload: ten beyond p99.9
+LEAST_CYCLES = 10_000  # of LITHE and of each judged peer in each workload: ten beyond p99.9
 CONTROL_AT_LEAST = 20.0
 
 SHIELD = "`--shield` takes the Spine's core from all other tasks for this run (needs root, undone at the end)"
@@ -25,6 +25,7 @@ BOOT = "isolate the Spine's core at boot: `lithe tune plan`"
 HOST = "measure on bare metal, or where the hypervisor gives this guest its cores; leave one core idle"
 MISSING = f"{APT} rt-tests"
 LONGER = "measure longer: `--seconds 60` or more, or `--paper`"
+ALL = "leave out `--workload`"
 
 
 def number(told: Figures, key: str) -> float:
@@ -35,11 +36,13 @@ def number(told: Figures, key: str) -> float:
 
 def doubts(told: Figures, workloads: list[str]) -> list[tuple[str, str]]:
     """The reasons why this run is INCONCLUSIVE, and what would help against each."""
-    found = []
+    left_out = [name for name in WORKLOADS if name not in workloads]
+    found = [(f"not measured: {', '.join(left_out)}", ALL)] if left_out else []
     quieter = BOOT if told.get("shielded") else SHIELD
     for name in workloads:
         for key, words, remedy in (
             (f"steal_share_{name}", "stolen by the hypervisor", HOST),
+            (f"steal_share_kernel_{name}", "stolen by the hypervisor, as the kernel counts", HOST),
             (f"floor_preempted_share_{name}", "of the floor preempted by other tasks", quieter),
         ):
             if not number(told, key) <= DISTURBED:
@@ -52,10 +55,19 @@ def doubts(told: Figures, workloads: list[str]) -> list[tuple[str, str]]:
                 found.append(
                     (f"{name}: no {peer} ({why})", MISSING if peer == "cyclictest" else "make bench-isolation")
                 )
-        if name == "swap" and not (number(told, "rig_swaps") > 0 and number(told, "second_robot_swaps") > 0):
-            found.append(("swap: no law was swapped", f"read {told.get('loads_log')}"))
+            elif not (cycles := number(told, f"cycles_{peer}_{name}")) >= LEAST_CYCLES:
+                found.append((f"{name}: {cycles:.0f} cycles of {peer}, {LEAST_CYCLES} are needed", LONGER))
+        if name == "swap":  # one in each round; the last offer may not have been taken
+            rounds = number(told, "rounds_swap")
+            if not (number(told, "rig_offers") > rounds and number(told, "second_robot_swaps") >= rounds):
+                words = f"{number(told, 'rig_offers'):.0f} offers, {number(told, 'second_robot_swaps'):.0f} swaps"
+                found.append(
+                    (f"swap: {words} of the second robot in {rounds:.0f} rounds", f"read {told.get('loads_log')}")
+                )
         if told.get(f"load_ended_{name}"):
             found.append((f"{name}: the load ended by itself", f"read {told.get('loads_log')}"))
+        if told.get(f"shield_lost_{name}"):
+            found.append((f"{name}: the shield was lowered during the run", "measure again, and leave the shield up"))
     if not number(told, "control_over_floor") >= CONTROL_AT_LEAST:
         ratio = number(told, "control_over_floor")
         words = f"the negative control did not fail: {ratio:.1f} x the floor, at least {CONTROL_AT_LEAST:.0f} expected"
@@ -106,13 +118,17 @@ def spin_over_peer(told: Figures, peer: str, name: str) -> float:
     return number(told, f"r999_{peer}_{name}") / number(told, f"r999_floor_{name}")
 
 
-def beyond_any_program(told: Figures, name: str) -> list[tuple[str, str]]:
-    """The peers that a program which only spins does not beat here either, and what would help."""
-    return [
-        (f"{name}: a bare spin is itself {spin_over_peer(told, peer, name):.2f} x {peer} here", HOST)
-        for peer in JUDGED_PEERS
-        if not number(told, f"r999_{peer}_{name}") <= MOST_OVER_PEER
-    ]
+def undecided_peers(told: Figures, name: str) -> list[tuple[str, str]]:
+    """The peers that a program which only spins does not beat here either, or whose interval reaches over the limit."""
+    found = []
+    for peer in JUDGED_PEERS:
+        value, high = (number(told, f"r999_{peer}_{name}{end}") for end in ("", "_high"))
+        if not value <= MOST_OVER_PEER:
+            found.append((f"{name}: a bare spin is itself {spin_over_peer(told, peer, name):.2f} x {peer} here", HOST))
+        elif not high <= MOST_OVER_PEER:
+            words = f"{name}: {value:.3f} x {peer}, but its interval reaches to {high:.3f}, at most {MOST_OVER_PEER}"
+            found.append((words, LONGER))
+    return found
 
 
 def judge(told: Figures, workloads: list[str]) -> Figures:
@@ -122,7 +138,7 @@ def judge(told: Figures, workloads: list[str]) -> Figures:
         if short := shortcomings(told, workloads):
             return {"verdict": "falls short", "reason": "; ".join(short), "conclusive_with": ""}
         for name in workloads:
-            found += beyond_any_program(told, name)
+            found += undecided_peers(told, name)
             if over_floor(told, name) == "undecided":
                 low, high = (number(told, f"r999_floor_{name}_{end}") for end in ("low", "high"))
                 few = math.isinf(low)

@@ -19,22 +19,22 @@ struct Cycle {
   std::int64_t late_ns = 0;              // from the release to the first instruction of the tick
   std::int64_t stolen_ns = 0;            // wall time that passed without this thread having the core
   std::int64_t switches = 0;             // involuntary context switches
+  std::int64_t sleeps = 0;               // voluntary ones: the thread itself gave the core away
   std::int64_t faults = 0;               // minor page faults
   std::int64_t handoff_ns = kUnknownNs;  // wake-up to hand-over of the command; bare and skipped cycles have none
   std::int64_t cost_ns = kUnknownNs;     // the whole tick without its law; likewise
   std::int64_t bus_ns = kUnknownNs;      // the exchange that brought the tick's sample; likewise
   std::int64_t release_ns = 0;           // when it was due, CLOCK_MONOTONIC
 
-  // The hypervisor had the core: time is missing, and no other thread of this machine ran instead.
-  bool stolen() const { return switches == 0 && stolen_ns > std::max<std::int64_t>(5000, late_ns / 2); }
+  // The hypervisor had the core: time is missing, no other thread of this machine ran instead, this one never slept.
+  bool stolen() const { return switches == 0 && sleeps == 0 && stolen_ns > std::max<std::int64_t>(5000, late_ns / 2); }
 };
 
 inline std::int64_t spine_period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz + 0.5); }
 
 // Runs `body(release_ns, woke_ns, skipped, cycle, cycle_before)` at every release as long as `more(release_ns)` holds,
-// and appends a Cycle for each of them. Waits by spinning, if no other way is given: then the time asleep counts as
-// stolen, and only the raw figures mean something. A skipped release has a Cycle too; it is late by the whole time
-// until the next tick that ran.
+// and appends a Cycle for each of them. Waits by spinning, if no other way is given: then a cycle that slept never
+// counts as stolen. A skipped release has a Cycle too; it is late by the whole time until the next tick that ran.
 template <class More, class Body>
 void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t phase_ns, More&& more,
                std::vector<Cycle>& cycles, Body&& body, loop::ReleaseWait* wait = nullptr) {
@@ -53,6 +53,7 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
     cycle.release_ns = release_ns;
     cycle.stolen_ns = (after.wall_ns - before.wall_ns) - (after.cpu_ns - before.cpu_ns);
     cycle.switches = after.involuntary_switches - before.involuntary_switches;
+    cycle.sleeps = after.voluntary_switches - before.voluntary_switches;
     cycle.faults = after.minor_faults - before.minor_faults;
     before = after;
     clock.follow();

@@ -4,8 +4,10 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
 #include <memory>
+#include <thread>
 #include <vector>
 
 #include "bench/rig/samples.hpp"
@@ -39,11 +41,29 @@ TEST(Cycles, OnlyTimeTakenWithoutASwitchIsTheHypervisors) {
   cycle.switches = 1;
   EXPECT_FALSE(cycle.stolen()) << "another thread of this machine ran: not the hypervisor";
   cycle.switches = 0;
+  cycle.sleeps = 1;
+  EXPECT_FALSE(cycle.stolen()) << "this thread gave the core away itself";
+  cycle.sleeps = 0;
   cycle.stolen_ns = 20'000;
   EXPECT_FALSE(cycle.stolen()) << "less than half of the lateness is explained";
   cycle.late_ns = 0;
   cycle.stolen_ns = 4'000;
   EXPECT_FALSE(cycle.stolen()) << "within the noise of the clocks";
+}
+
+TEST(Cycles, ATickThatSleepsIsNotStolen) {
+  auto memory = std::make_unique<loop::ClockMemory>();
+  loop::start_clock(*memory);
+  loop::SteeredClock clock(*memory);
+  std::vector<Cycle> cycles;
+  run_block(clock, kNsPerMs, 0, 20 * kNsPerMs, cycles, [](std::int64_t, std::int64_t, std::uint32_t, Cycle&, Cycle*) {
+    std::this_thread::sleep_for(std::chrono::microseconds(100));
+  });
+  for (const Cycle& cycle : cycles) {
+    EXPECT_GE(cycle.sleeps, 1);
+    EXPECT_GE(cycle.stolen_ns, 50'000);
+    EXPECT_FALSE(cycle.stolen());
+  }
 }
 
 TEST(Cycles, StealAwareFiguresLeaveOutWhatWasStolenAndRawOnesDoNot) {

@@ -60,7 +60,7 @@ ThreadToll thread_toll() {
   getrusage(RUSAGE_THREAD, &usage);
   timespec cpu{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &cpu);
-  return {monotonic_ns(), cpu.tv_sec * kNsPerS + cpu.tv_nsec, usage.ru_nivcsw, usage.ru_minflt};
+  return {monotonic_ns(), cpu.tv_sec * kNsPerS + cpu.tv_nsec, usage.ru_nivcsw, usage.ru_nvcsw, usage.ru_minflt};
 }
 
 }  // namespace lithe::bench

@@ -33,6 +33,7 @@ struct ThreadToll {
   std::int64_t wall_ns = 0;
   std::int64_t cpu_ns = 0;
   std::int64_t involuntary_switches = 0;
+  std::int64_t voluntary_switches = 0;
   std::int64_t minor_faults = 0;
 };
 ThreadToll thread_toll();

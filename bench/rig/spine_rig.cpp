@@ -98,7 +98,7 @@ void SpineRig::offer_copy() {
   if (free_.empty()) return;
   law::Resident& copy = *free_.back();
   law::reset_resident(copy, lithe_law);
-  copy.law_id = static_cast<std::uint32_t>(swaps_.load()) + 1;
+  copy.law_id = static_cast<std::uint32_t>(offers_.load()) + 1;
   for (const law::Resident& peer : *laws_)
     if (&peer != &copy && peer.law_id != 0) law::plan_migrations(copy, peer);
   if (!slot_.offer(&copy)) {
@@ -106,7 +106,7 @@ void SpineRig::offer_copy() {
     return;
   }
   free_.pop_back();
-  ++swaps_;
+  ++offers_;
 }
 
 void SpineRig::order(wire::CommandKind kind) {

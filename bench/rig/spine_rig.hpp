@@ -47,7 +47,7 @@ class SpineRig {
   // While `on`, the Brain's thread offers another copy of the law with every plan, and the tick commits it.
   // Contract: any thread
   void swap_laws(bool on) { swapping_.store(on); }
-  std::uint64_t swaps() const { return swaps_.load(); }
+  std::uint64_t offers() const { return offers_.load(); }
 
  private:
   void serve_buses();
@@ -74,7 +74,7 @@ class SpineRig {
   std::unique_ptr<hal::Actuators> actuators_;
   std::unique_ptr<loop::Spine> spine_;
   std::atomic<bool> stop_{false}, swapping_{false};
-  std::atomic<std::uint64_t> swaps_{0};
+  std::atomic<std::uint64_t> offers_{0};
   std::thread transport_, brain_thread_;
 };
 

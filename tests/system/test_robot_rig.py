@@ -94,7 +94,7 @@ COMPUTED = (  # the reason is computed there, and only there
     # The doctor judges a robot that runs, too; the script beside it does not. No test leaves one.
     "test_doctor.py: pytest.skip(f'a robot runs on this machine: {name}')",
     # A long form, of a program that only `make bench-isolation` builds.
-    "test_bench_isolation.py: pytest.skip('bench_isolation is not built: make bench-isolation')",
+    "test_bench_isolation_run.py: pytest.skip('bench_isolation is not built: make bench-isolation')",
     # The kernel's counts say that the machine took the core away, and the run fell short.
     "inconclusive.py: pytest.skip(f'{WORD}: {why}')",
 )

@@ -57,6 +57,10 @@ def test_long_steps_run_only_when_all_are_asked_for_or_by_name() -> None:
     assert [step.name for step in check.chosen(["asan-all"], everything=False)] == ["asan-all"]
 
 
+def test_the_long_tests_have_the_isolation_bench() -> None:
+    assert "cmake --preset bench " in check.chosen(["pytest-long"], everything=False)[0].command
+
+
 def test_two_short_steps_run_at_a_time_and_a_long_one_with_none_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

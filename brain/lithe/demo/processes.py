@@ -26,6 +26,7 @@ from lithe.shm import SpineView
 
 # Should the demo itself be killed, nothing of it stays behind: the robot stops in order, a frozen Brain goes too.
 LEAVE_WITH_US = ("setpriv", "--pdeathsig", "TERM")
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 DIE_WITH_US = ("setpriv", "--pdeathsig", "KILL")
 
 
@@ -56,11 +57,11 @@ def raise_unless_active(mode: str, fault: str) -> None:
 
 @contextlib.contextmanager
 def undisturbed() -> Iterator[None]:
-    """Stopping a robot is not broken off: neither by a second Ctrl-C nor by SIGTERM."""
+    """Stopping a robot is not broken off: neither by a second Ctrl-C nor by SIGTERM nor by a terminal's end."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in ENDINGS}
     try:
         yield
     finally:

@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <signal.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -68,8 +69,11 @@ bool join_partition() {
 int run_command(const std::vector<std::string>& words, const sigset_t& awaited, const sigset_t& before,
                 host::Shield& shield) {
   const bool inside = shield.has_partition();
+  const pid_t parent = ::getpid();
   const pid_t child = ::fork();
   if (child == 0) {
+    ::prctl(PR_SET_PDEATHSIG, SIGTERM);  // it must not run on without its shield
+    if (::getppid() != parent) ::_exit(kNotStarted);
     ::sigprocmask(SIG_SETMASK, &before, nullptr);
     if (inside && !join_partition())
       std::cerr << "lithe tune shield: the command is not in the partition: " << std::strerror(errno) << std::endl;

@@ -58,3 +58,11 @@ sleep 1
 step revert lithe tune revert
 step revert-gone gone
 step revert-masks masks
+lithe tune shield --cores 1 -- sh -c 'echo $$ >/tmp/command; exec sleep 1000' &
+shield=$!
+has_command() { grep -q '^State:.[SRD]' /proc/$(cat /tmp/command)/status; }
+has_none() { ! has_command; }
+step orphan-starts await has_command true
+kill -9 $shield
+step orphan-ends await has_none true
+step orphan-revert lithe tune revert

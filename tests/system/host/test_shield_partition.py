@@ -66,3 +66,7 @@ def test_nobody_else_gets_the_core_and_the_doctor_says_so(steps: dict[str, machi
 
 def test_what_a_killed_supervisor_left_is_reverted(steps: dict[str, machine.Step]) -> None:
     assert steps["left"].text.strip() == "isolated"
+
+
+def test_a_command_ends_with_its_killed_shield(steps: dict[str, machine.Step]) -> None:
+    assert steps["orphan-starts"].code == steps["orphan-ends"].code == 0
