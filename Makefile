@@ -4,9 +4,9 @@ MAKEFLAGS += --no-print-directory
 PYTHON := .venv/bin/python
 JOBS ?= $(shell nproc)
 WORKERS ?= $(shell expr 2 \* $(JOBS))
-# The tests start hundreds of Python processes. Each would compile what it imports if nobody kept it.
-export PYTHONPYCACHEPREFIX := $(CURDIR)/build/pycache
-export PYTHONDONTWRITEBYTECODE :=
+# These start hundreds of Python processes. Each would compile what it imports if nobody kept it.
+test test-fast check check-all: export PYTHONPYCACHEPREFIX := $(CURDIR)/build/pycache
+test test-fast check check-all: export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: help demo no-other-demo test test-fast test-arm64 boards check check-all bench bench-isolation bench-swap soak format clean setup release
 .DEFAULT_GOAL := help

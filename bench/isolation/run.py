@@ -12,7 +12,6 @@ Exit 0: holds. 1: falls short, or INCONCLUSIVE. 2: usage, or it cannot be measur
 from __future__ import annotations
 
 import argparse
-import contextlib
 import fcntl
 import json
 import os
@@ -208,20 +207,25 @@ def measure(plan: Plan, out: Path) -> Figures:
     bench = Bench(plan, folder)
     shutil.rmtree(folder, ignore_errors=True)
     (folder / "buses").mkdir(parents=True)
-    for name in RESULTS:  # an old result must not look like this run's, should it be stopped
-        with contextlib.suppress(FileNotFoundError):
-            (out / name).replace(out / f"{name}.previous")
+    older = [out / name for name in RESULTS if (out / name).exists()]
+    for path in older:  # an old result must not look like this run's, should it be stopped
+        path.replace(f"{path}.previous")
     try:
         bench.run()
+    except report.Unmeasured:
+        for path in older:
+            Path(f"{path}.previous").replace(path)
+        raise
     finally:
         (folder / "records").unlink(missing_ok=True)
     told = here | {"isolation_measured_at": began, "isolation_load_before": load} | bench.figures()
     told = {key: plain(value) for key, value in told.items()}
     figures, image, page = (folder / name for name in RESULTS)
     figures.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    figures.replace(out / figures.name)  # before the drawing, which may fail after hours of measuring
     plot.draw(bench.seen, told, image)
     plot.page(told, table.text(told), doctor(), image, page)
-    for path in (figures, image, page):
+    for path in (image, page):
         path.replace(out / path.name)
     return told
 
@@ -264,7 +268,7 @@ def main(words: list[str]) -> int:
         print(f"bench: {why}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("\nbench: stopped; the loads are ended, and nothing was written", file=sys.stderr)
+        print("\nbench: stopped; the loads are ended; an older result is in isolation.json.previous", file=sys.stderr)
         return 130
     print(table.text(told))
     print(f"\nall figures: {asked.out / 'isolation.json'}; page: {asked.out / 'isolation.html'}")

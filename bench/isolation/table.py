@@ -8,6 +8,7 @@ import io
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from bench.isolation.figures import CAUSES, PEERS
 from bench.isolation.loads import WORKLOADS
@@ -76,8 +77,9 @@ def show(told: Figures) -> None:
         shares(told, name)
     rows = [quantile_row(name, told, f"handoff_{name}") for name in measured(told)]
     table(f"hand-off time of LITHE [us]; the paper's worst is {PAPER_HANDOFF_US:.1f}", HEAD, rows)
-    worst = max((told.get(f"lithe_{name}_max_us") or 0.0 for name in measured(told)), default=0.0)
-    print(f"  release jitter: worst {worst:.2f} us steal-aware; the paper's worst is {PAPER_JITTER_US:.2f}")
+    each_us: list[Any] = [told.get(f"lithe_{name}_max_us") for name in measured(told)]
+    worst = "unknown" if None in each_us or not each_us else f"{max(each_us):.2f} us"
+    print(f"  release jitter: worst {worst} steal-aware; the paper's worst is {PAPER_JITTER_US:.2f}")
     print(f"  negative control, another busy thread on the core: {cell(told, 'control_over_floor', '.0f')} x the floor")
     for peer in PEERS:
         if told.get(f"{peer}_absent"):

@@ -23,17 +23,6 @@ constexpr std::int64_t kWordsGraceNs = 50'000'000;  // for the event of what sha
 constexpr Stage kInTheSpine[] = {Stage::staged, Stage::shadow, Stage::committed};
 constexpr const char* kSkipped = "skipped: the gates are open";
 
-// The report in a refusal of the trial; an empty object when there is none.
-Json report_in(const Refusal& refusal) {
-  return refusal.detail.is_object() ? refusal.detail.value("trial", Json::object()) : Json::object();
-}
-
-// Where in the code it failed [bytes]; 0 = not known.
-std::uint64_t offset_in(const Json& report) {
-  const auto found = report.find("pc_offset");
-  return found != report.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
-}
-
 // Once the Loader has the law it cannot be cancelled: it may still be committed.
 Refusal too_late(const SwapState& swap, const char* doing, std::int64_t limit_ns) {
   const std::string what =
@@ -255,7 +244,7 @@ std::variant<std::string, Refusal> Swaps::tried(SwapState& swap, const Answer& a
 // The source line of a crash in the trial, as for a crash in the Spine; null when there was none.
 Sequence::Reply<Json> Swaps::line_of_crash(const SwapState& swap, const Refusal& refusal) {
   const auto pending = pending_for<Json>();
-  const std::uint64_t offset = offset_in(report_in(refusal));
+  const std::uint64_t offset = offset_in(refusal);
   if (offset == 0) {
     *pending = Json();
   } else {
@@ -265,26 +254,6 @@ Sequence::Reply<Json> Swaps::line_of_crash(const SwapState& swap, const Refusal&
     });
   }
   return reply<Json>(pending, swap, "trying", help_.lawd.limit_ns());
-}
-
-// A NaN in the Spine has no address: the tick only sees the output. The trial repeats the law, from a fresh State, on
-// what the robot has just recorded, and stops at the operation that makes a NaN there; null, and an event that says
-// why, when that makes none.
-void Swaps::find_line_of_nan(const SwapState& swap, LawLifecycle::Found found) {
-  const auto again = help_.trial != nullptr ? tried_laws_.again(swap.request_id()) : std::nullopt;
-  if (!again) return found(nullptr);
-  const auto take = [this, swap, found = std::move(found)](const Answer& answer) {
-    const auto* refusal = std::get_if<Refusal>(&answer);
-    const Json report = refusal != nullptr ? report_in(*refusal) : Json::object();
-    if (report.value("section", "") == "replay" && offset_in(report) != 0)
-      return find_line(swap, offset_in(report), false, found);
-    help_.log.note(swap.request_id(), "law_fault_not_located",
-                   fmt::format("{}: the line of its NaN is not known: {}", swap.compiled().law,
-                               refusal != nullptr ? "the trial, to find it, said: " + refusal->message
-                                                  : "from a fresh state, on what was recorded, it makes none"));
-    found(nullptr);
-  };
-  help_.trial->attempt(*again, take, monotonic_ns(), TrialLink::Turn::idle);  // a swap may replace the law meanwhile
 }
 
 // Sends the law to the Loader.

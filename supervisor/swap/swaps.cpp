@@ -238,6 +238,13 @@ void Swaps::note(const SwapState& swap, const char* kind, const std::string& tex
   help_.log.note(swap.request_id(), kind, text);
 }
 
+std::uint64_t offset_in(const Refusal& refusal, std::string_view section) {
+  const Json report = refusal.detail.is_object() ? refusal.detail.value("trial", Json::object()) : Json::object();
+  const bool wanted = section.empty() || report.value("section", "") == section;
+  const auto found = report.find("pc_offset");
+  return wanted && found != report.end() && found->is_number_unsigned() ? found->get<std::uint64_t>() : 0;
+}
+
 // Asks the compile service for the source line. `offset` [bytes]: from the start of the slot, or of the object when not
 // `placed`.
 void Swaps::find_line(const SwapState& swap, std::uint64_t offset, bool placed, LawLifecycle::Found found) {
@@ -248,6 +255,29 @@ void Swaps::find_line(const SwapState& swap, std::uint64_t offset, bool placed, 
         {{"where", fmt::format("{}:{}", file, place->value("line", 0))}, {"function", place->value("function", "?")}});
   };
   help_.lawd.locate(swap.compiled().hash, offset, placed, located, monotonic_ns());
+}
+
+// A NaN in the Spine has no address: the tick only sees the output. The trial repeats the law, from a fresh State, on
+// what the robot has just recorded, and stops at the operation that makes a NaN there; null, and an event that says
+// why, when that makes none.
+void Swaps::find_line_of_nan(const SwapState& swap, LawLifecycle::Found found) {
+  const auto none = [this, swap, found](const std::string& why) {
+    note(swap, "law_fault_not_located",
+         fmt::format("{}: the line of what is not finite is not known: {}", swap.compiled().law, why));
+    found(nullptr);
+  };
+  const auto again = help_.trial != nullptr ? tried_laws_.again(swap.request_id()) : std::nullopt;
+  if (!again) return none("its trial cannot be repeated");
+  const auto take = [this, swap, none, found](const Answer& answer) {
+    const auto* refusal = std::get_if<Refusal>(&answer);
+    const std::uint64_t offset = refusal != nullptr ? offset_in(*refusal, "replay") : 0;
+    if (offset == 0)
+      return none(refusal != nullptr ? refusal->message : "the trial, on what was recorded, met nothing");
+    find_line(swap, offset, false, [none, found](const Json& place) {
+      place.is_object() ? found(place) : none("the compile service does not know it");
+    });
+  };
+  help_.trial->attempt(*again, take, monotonic_ns(), TrialLink::Turn::idle);  // a swap may replace the law meanwhile
 }
 
 // The source line of a law fault in the Spine. This event comes after the event of the fault.

@@ -26,6 +26,9 @@ namespace lithe::control {
 // The Loader's refusal. `words`: the text of its event, empty when there was none.
 Refusal stage_refusal(wire::StageResult result, const std::string& words);
 
+// Where in its code the trial saw a law fail, in this section of it or ("") in any [bytes]; 0 = not known.
+std::uint64_t offset_in(const Refusal& refusal, std::string_view section = "");
+
 // Contract: one thread · never blocks · every submit is answered once, and has one certificate from the moment it is
 // queued, also when the client leaves or the supervisor dies
 class Swaps {

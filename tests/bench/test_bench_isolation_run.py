@@ -67,6 +67,7 @@ def test_without_the_verb_shield_says_so(
     monkeypatch.setenv("LITHE_BIN_DIR", str(tmp_path))
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
     try:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # who started the tests may ignore it
         assert run.main(["--shield", "--short"]) == 2
         assert {signal.getsignal(number) for number in before} == {signal.default_int_handler}, "a lost terminal, too"
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -127,7 +128,7 @@ def test_a_stopped_run_leaves_no_result_that_looks_like_its_own(
 def test_the_second_robot_keeps_off_the_measured_core(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     loads, storm = module("loads", monkeypatch), module("storm", monkeypatch)
     monkeypatch.setenv("LITHE_BENCH_CORES", "6,7")
-    with loads.running(loads.Load("", (("env",),), ready="PATH="), tmp_path / "log"):
+    with loads.running(loads.Load("", (("sh", "-c", "env; echo all told"),), ready="all told"), tmp_path / "log"):
         assert "LITHE_BENCH_CORES" not in (tmp_path / "log").read_text()
     asked: dict[str, str] = {}
 
@@ -139,7 +140,7 @@ def test_the_second_robot_keeps_off_the_measured_core(monkeypatch: pytest.Monkey
     monkeypatch.setattr(storm, "running", running)
     monkeypatch.setattr(storm.os, "sched_getaffinity", lambda _: {7})
     storm.main(tmp_path / "storm", -1.0)
-    assert [asked[f"cpu_{name}"] for name in ("spine", "brain", "housekeeping")] == ["7"] * 3
+    assert [asked[f"cpu_{name}"] for name in ("spine", "transport", "brain", "housekeeping")] == ["7"] * 4
 
 
 def children_of(group: int) -> int:

@@ -146,6 +146,12 @@ bool is_booted_with(const HostFiles& files, const std::vector<Flag>& flags) {
          std::ranges::all_of(flags, [&](const Flag& flag) { return has_word(line.value, flag.text()); });
 }
 
+void give_commands(const HostFiles& files, const std::vector<std::string>& commands, BootPlan& plan) {
+  plan.commands = commands;
+  if (!files.root().empty() && !commands.empty())
+    plan.notes.push_back(fmt::format("run the commands within the image: `chroot {} COMMAND`", files.root()));
+}
+
 }  // namespace
 
 Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
@@ -167,7 +173,7 @@ Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
   BootPlan plan{.board = found.board->name, .changes = {}, .commands = {}, .notes = notes_of(found, *kernel)};
   if (edit->before == edit->after) {
     if (!is_booted_with(files, kernel->flags) && !boot->commands.empty()) {
-      plan.commands = boot->commands;
+      give_commands(files, boot->commands, plan);
       plan.notes.push_back(edit->path + " has the flags, and this boot has not: run the commands, then reboot");
     }
     return plan;
@@ -183,9 +189,7 @@ Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
        .after = edit->after,
        .why = fmt::format("from boot on, the kernel keeps cores {} free for the robot", cpu_list(cores.isolated)),
        .reboot = true});
-  plan.commands = boot->commands;
-  if (!files.root().empty() && !plan.commands.empty())
-    plan.notes.push_back(fmt::format("run the commands within the image: `chroot {} COMMAND`", files.root()));
+  give_commands(files, boot->commands, plan);
   return plan;
 }
 

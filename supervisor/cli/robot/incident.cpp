@@ -46,7 +46,7 @@ std::string shown(const Json& value) {
   if (value.is_string()) return value.get<std::string>();
   if (value.is_null()) return "none";
   if (value.is_number_float()) return fmt::format("{:.4g}", value.get<double>());
-  if (value.contains("name")) return shown(value["name"]);
+  if (value.contains("name")) return fmt::format("{} (id {})", shown(value["name"]), value.value("law_id", 0u));
   if (value.contains("before") && value.contains("after")) {
     const std::string before = shown(value["before"]), after = shown(value["after"]);
     return before == after ? before : before + " -> " + after;

@@ -46,7 +46,8 @@ def test_a_crash_is_kept_with_a_second_before_and_after(arm: RobotRig) -> None:
     assert told["law"]["before"]["name"] == "crashes" and told["law"]["after"]["name"] == "pd"
     assert "law_rolled_back" in [each["kind"] for each in told["events"]]
     text = arm.lithe("incident", "show", str(number)).stdout
-    assert "  mode active, law crashes -> pd, " in text and "{" not in text
+    before, after = (told["law"][side]["law_id"] for side in ("before", "after"))
+    assert f"  mode active, law crashes (id {before}) -> pd (id {after}), " in text and "{" not in text
     low, high = told["joints"][0]["position_rad"]
     assert f"  shoulder     {low:.4g} to {high:.4g} rad, " in text
 

@@ -58,4 +58,4 @@ def test_why_a_line_is_not_found_is_told(arm: RobotRig) -> None:
         return [each["text"] for each in arm.ask("events")["events"] if each["kind"] == "law_fault_not_located"]
 
     arm.wait_for(lambda: bool(told()))
-    assert len(told()) == 1 and told()[0].startswith("late: the line of its NaN is not known: ")
+    assert len(told()) == 1 and told()[0].startswith("late: the line of what is not finite is not known: ")
