@@ -69,7 +69,8 @@ class Telemetry:
         return np.concatenate([*pieces, np.empty(0, dtype("Telemetry"))])
 
     def since(self, tick: int) -> tuple[npt.NDArray[Any], int]:
-        """All records after that tick, oldest first, shape (n,), and the number of those that are no longer available.
+        """All records after that tick, oldest first, shape (n,), and the number of ticks that have none: overwritten,
+        or skipped by the Spine (`missed_releases`).
 
         A tick in the future is from an earlier run of the robot: then all records of this run are returned.
         """
