@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import os
 import time
-import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from lithe.demo.evidence import made_to_wait
 from lithe.demo.losses import Releases, releases
 from lithe.demo.processes import Stage
 from lithe.errors import Refused
+from lithe.files import robot_table
 from lithe.heartbeat import Repeat
 from lithe.programs import ROOT
 from lithe.shm import SpineView
@@ -68,9 +68,8 @@ def robot_file(folder: Path, **changes: str) -> Path:
 
 def shipped_slew_bound_nm() -> float:
     """The largest step from one tick to the next that the guard of robots/arm.toml permits."""
-    robot = tomllib.loads((ROOT / "robots/arm.toml").read_text(encoding="utf-8"))
-    joint = {**robot.get("defaults", {}).get("joint", {}), **robot["joint"][0]}
-    return float(joint["torque_slew_nm_s"]) / float(robot["rate_hz"])
+    robot = robot_table((ROOT / "robots/arm.toml").read_text(encoding="utf-8"))
+    return float(robot["joint"][0]["torque_slew_nm_s"]) / float(robot["rate_hz"])
 
 
 REFUSED_LAST = ROOT / "bench/swap/laws/refused_last.cpp"

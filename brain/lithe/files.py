@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads text files with names from users, with a limit."""
+"""Reads text files with names from users, with a limit, and the text of a robot file."""
 
 from __future__ import annotations
 
 import os
 import stat
+import tomllib
 from pathlib import Path
+from typing import Any
 
 MOST_BYTES = 1 << 20
 
@@ -27,3 +29,19 @@ def read_regular(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
     if len(data) > most_bytes:
         raise OSError(0, f"is larger than {most_bytes} bytes", str(path))
     return data.decode("utf-8")
+
+
+def robot_table(text: str) -> dict[str, Any]:
+    """A robot file's text, where each device and each joint has what [defaults] gives to all, and each joint a `sim`.
+
+    ValueError, TypeError or AttributeError where it is none; keys may lack.
+    """
+    config = tomllib.loads(text)
+    defaults = config.get("defaults", {})
+    device, joint = defaults.get("device", {}), defaults.get("joint", {})
+    sim = joint.get("sim", {})
+    if "device" in config:
+        config["device"] = [{**device, **own} for own in config["device"]]
+    if "joint" in config:
+        config["joint"] = [{**joint, **own, "sim": {**sim, **own.get("sim", {})}} for own in config["joint"]]
+    return config

@@ -2,7 +2,6 @@
 """How the agent moves joints: within their limits, all to their heaviest place at once; and the laws that do it."""
 
 import subprocess
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from arm_sim import SimArm
 from lithe.demo import moves, sources
 from lithe.demo.joints import most_share
 from lithe.demo.sources import Gains
+from lithe.files import robot_table
 from lithe.gateway import references
 from lithe.gateway.client import MOST_REQUEST_BYTES
 from lithe.identify import Arm, Motion
@@ -22,10 +22,8 @@ LIMITS = ("position_min_rad", "position_max_rad", "velocity_max_rad_s")
 
 def joints_of(robot: str) -> list[dict[str, Any]]:
     """As `describe` tells them."""
-    config = tomllib.loads((ROOT / f"robots/{robot}.toml").read_text(encoding="utf-8"))
-    common = config.get("defaults", {}).get("joint", {})
-    merged = [{**common, **own} for own in config["joint"]]
-    return [{"name": joint["name"], **{key: joint[key] for key in LIMITS}} for joint in merged]
+    joints = robot_table((ROOT / f"robots/{robot}.toml").read_text(encoding="utf-8"))["joint"]
+    return [{"name": joint["name"], **{key: joint[key] for key in LIMITS}} for joint in joints]
 
 
 def reference(robot: str) -> tuple[list[dict[str, Any]], dict[str, Any]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lithe.errors import LitheError
-from lithe.files import read_regular
+from lithe.files import read_regular, robot_table
 
 from ..programs import binary
 from .moves import MARGIN_RAD
@@ -69,17 +68,13 @@ def _refuse_hardware(robot_file: Path, config: dict[str, Any]) -> None:
 
 
 def _joints(robot_file: Path, config: dict[str, Any]) -> list[SimJoint]:
-    defaults = config.get("defaults", {})
-    common = defaults.get("joint", {})
-    drives = {own["name"]: {**defaults.get("device", {}), **own} for own in config.get("device", [])}
+    drives = {device["name"]: device for device in config.get("device", [])}
     soft_rad = float(config.get("guard", {}).get("soft_stop_rad", SOFT_STOP_RAD))
     joints = []
-    for own in config["joint"]:
-        joint = {**common, **own}
-        sim = {**common.get("sim", {}), **own.get("sim", {})}
+    for joint in config["joint"]:
         share = most_share(float(joint["position_min_rad"]), float(joint["position_max_rad"]), soft_rad)
         drive = drives.get(joint.get("device"), {})
-        joints.append(SimJoint(str(joint["name"]), float(sim.get("mgl_nm", 0.0)), share, drive))
+        joints.append(SimJoint(str(joint["name"]), float(joint["sim"].get("mgl_nm", 0.0)), share, drive))
     return joints
 
 
@@ -90,7 +85,7 @@ def simulated_joints(robot_file: Path, over_real_buses: bool = False) -> list[Si
     what one of them bears depends on the others. Mistakes are for `lithe` to name.
     """
     try:
-        config = tomllib.loads(read_regular(robot_file))
+        config = robot_table(read_regular(robot_file))
         if not over_real_buses:
             _refuse_hardware(robot_file, config)
         if (plant := config.get("plant", {}).get("kind", "independent")) != "independent":

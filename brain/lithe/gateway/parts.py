@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from ..errors import LitheError
-from ..files import read_regular
+from ..files import read_regular, robot_table
 from ..identify.chain import describe
 
 Table = dict[str, Any]
@@ -18,8 +17,7 @@ DEFAULTS = "document plants: what each key means, and its value where it is not 
 
 
 def _devices(config: Table) -> Table:
-    usual = config.get("defaults", {}).get("device", {})
-    return {own["name"]: {**usual, **own} for own in config.get("device", [])}
+    return {device["name"]: device for device in config.get("device", [])}
 
 
 def parts_of(robot_file: Path) -> tuple[Table, Table]:
@@ -28,7 +26,7 @@ def parts_of(robot_file: Path) -> tuple[Table, Table]:
     Both are empty when the file is no longer there, or another one than the robot was started with.
     """
     try:
-        config = tomllib.loads(read_regular(robot_file))
+        config = robot_table(read_regular(robot_file))
         devices = _devices(config)
         drives = {}
         for joint in config["joint"]:
@@ -47,12 +45,10 @@ def simulation_of(robot_file: Path) -> Table | None:
     None: no bus is simulated by the Spine, or the file is gone.
     """
     try:
-        config = tomllib.loads(read_regular(robot_file))
+        config = robot_table(read_regular(robot_file))
         buses = {bus["name"]: bus for bus in config["bus"] if bus["kind"] == "loop"}
         devices = _devices(config)
-        usual = config.get("defaults", {}).get("joint", {}).get("sim", {})
-        joints = {joint["name"]: {**usual, **joint.get("sim", {})} for joint in config["joint"]
-                  if devices[joint["device"]]["bus"] in buses}  # fmt: skip
+        joints = {joint["name"]: joint["sim"] for joint in config["joint"] if devices[joint["device"]]["bus"] in buses}
         rates = {name: {key: bus[key] for key in ("bitrate", "data_bitrate") if key in bus}
                  for name, bus in buses.items()}  # fmt: skip
         plant = {"kind": "independent", **config.get("plant", {})}

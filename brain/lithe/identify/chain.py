@@ -9,17 +9,15 @@ stretch of time after another (the jackknife; Miller, Biometrika 61, 1974).
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import LitheError
-from ..files import read_regular
+from ..files import read_regular, robot_table
 from .joint import OVERLAP, Motion, Vector, velocity
 from .missing import left_out
 from .regressor import Description, Matrix, Rows, joined, names_of, rows_of
@@ -89,14 +87,14 @@ class Payload:
 def describe(robot_file: str | Path) -> Description:
     """The chain of a robot file with `[plant] kind = "chain"`. LitheError where it has none."""
     try:
-        config: dict[str, Any] = tomllib.loads(read_regular(Path(robot_file)))
-        plant, common = config.get("plant", {}), config.get("defaults", {}).get("joint", {}).get("sim", {})
+        config = robot_table(read_regular(robot_file))
+        plant = config.get("plant", {})
         if plant.get("kind") != "chain":
             raise LitheError(
                 f'{robot_file} has no [plant] kind = "chain"\n'
                 "  next: joints that swing each on its own: lithe.identify.identify_joint"
             )
-        sims = [(joint["name"], {**common, **joint.get("sim", {})}) for joint in config["joint"]]
+        sims = [(joint["name"], joint["sim"]) for joint in config["joint"]]
         return Description(
             tuple(name for name, _ in sims),
             tuple(float(sim["length_m"]) for _, sim in sims),

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import LitheError
+from ..files import robot_table
 from .chain import ChainFit, Parameter
 from .joint import INTERVAL_SE, Arm, Vector
 
@@ -50,9 +51,8 @@ class Plant:
 def plant_of(text: str) -> Plant:
     """That of a robot file's text. LitheError where it is none."""
     try:
-        config = tomllib.loads(text)
-        common = config.get("defaults", {}).get("joint", {}).get("sim", {})
-        sims = {str(joint["name"]): {**common, **joint.get("sim", {})} for joint in config["joint"]}
+        config = robot_table(text)
+        sims = {str(joint["name"]): joint["sim"] for joint in config["joint"]}
         plant = config.get("plant", {})
         return Plant(str(plant.get("kind", "independent")), sims, str(plant.get("model", "")))
     except (ValueError, KeyError, TypeError, AttributeError) as error:
