@@ -74,17 +74,7 @@ const Subject& named(const std::vector<Subject>& subjects, const std::string& na
                        [&](const Subject& each) { return each.link->name() == name; });
 }
 
-// The time of `over` relative to that of `under` in the same round, per mille, for each round.
-std::vector<std::int64_t> ratios_pm(const Subject& over, const Subject& under) {
-  std::vector<std::int64_t> ratios;
-  for (std::size_t round = 0; round < over.median_ns.size(); ++round)
-    ratios.push_back(1000 * over.median_ns[round] / std::max<std::int64_t>(under.median_ns[round], 1));
-  return ratios;
-}
-
-double ratio(const Subject& over, const Subject& under) {
-  return static_cast<double>(quantile_ns(ratios_pm(over, under), 0.5)) / 1e3;
-}
+double ratio(const Subject& over, const Subject& under) { return middle_ratio(over.median_ns, under.median_ns); }
 
 // The interquartile range of the rounds, as a share of the median. Above a quarter the ratio must not be quoted.
 double spread(const std::vector<std::int64_t>& ratios_pm) {
@@ -105,7 +95,7 @@ void report(const std::vector<Subject>& subjects, const std::vector<std::int64_t
   line.number("channel_latency_over_pingpong", ratio(channel, floor))
       .number("channel_56_over_one_word", ratio(channel, named(subjects, "one_word")))
       .number("channel_plan_over_raw", ratio(named(subjects, "channel_plan"), named(subjects, "raw_plan")))
-      .number("channel_round_spread", spread(ratios_pm(channel, floor)))
+      .number("channel_round_spread", spread(ratios_pm(channel.median_ns, floor.median_ns)))
       .number("plan_bytes", static_cast<double>(sizeof(wire::Plan)))
       .number("control_same_core_over_pingpong", control)
       .flag("channel_control_failed_as_it_must", control >= kControlAtLeast)

@@ -7,8 +7,6 @@
 
 #include <array>
 #include <atomic>
-#include <cstdio>
-#include <cstdlib>
 #include <ctime>
 #include <memory>
 #include <string>
@@ -44,15 +42,6 @@ struct Way {
   double per_call_ns() const { return static_cast<double>(quantile_ns(block_ns, 0.5)) / kCallsPerBlock; }
 };
 
-template <class T>
-T or_exit(Result<T> result) {
-  if (!result) {
-    std::fprintf(stderr, "bench: %s\n", result.message().c_str());
-    std::exit(2);
-  }
-  return std::move(*result);
-}
-
 // A running Watchdog on the partner core, and its share of that core.
 class Guarded {
  public:
@@ -61,8 +50,7 @@ class Guarded {
       raise_priority();
       const ThreadToll from = thread_toll();
       dog.run(stop_);
-      const ThreadToll to = thread_toll();
-      share_ = static_cast<double>(to.cpu_ns - from.cpu_ns) / static_cast<double>(to.wall_ns - from.wall_ns);
+      had_.add(from, thread_toll());
     });
   }
   ~Guarded() { stop(); }
@@ -70,12 +58,12 @@ class Guarded {
   double stop() {
     stop_.store(true);
     if (thread_.joinable()) thread_.join();
-    return share_;
+    return had_.share();
   }
   contain::Watchdog dog;
 
  private:
-  double share_ = 0;
+  Had had_;
   std::atomic<bool> stop_{false};
   std::thread thread_;
 };
@@ -141,10 +129,8 @@ std::int64_t away_ns(contain::FaultBarrier& barrier, const contain::bad::Case& b
   const contain::Failure trouble = barrier.run(deadline_ns, bad.call, nullptr);
   barrier.run(kNoDeadline, contain::bad::count, &g_runs);
   const std::int64_t to_ns = monotonic_ns();
-  if (trouble.kind != bad.kind) {
-    std::fprintf(stderr, "bench: %s ended as %u\n", bad.name, static_cast<unsigned>(trouble.kind));
-    std::exit(2);
-  }
+  if (trouble.kind != bad.kind)
+    give_up(std::string(bad.name) + " ended as " + std::to_string(static_cast<unsigned>(trouble.kind)));
   return to_ns - from_ns;
 }
 

@@ -44,10 +44,8 @@ void report(const std::vector<Subject>& subjects) {
     median_ns.push_back(static_cast<double>(quantile_ns(cost_ns, 0.5)));
     line.quantiles(std::string("tick_cost_") + subject.key, cost_ns);
     line.number(std::string("tick_cost_p50_us_") + subject.key, median_ns.back() / 1e3);
-    line.number(std::string("tick_cost_stolen_share_") + subject.key,
-                share(subject.cycles, [](const Cycle& c) { return c.stolen(); }));
-    line.number(std::string("tick_cost_preempted_share_") + subject.key,
-                share(subject.cycles, [](const Cycle& c) { return c.switches > 0; }));
+    line.number(std::string("tick_cost_stolen_share_") + subject.key, stolen_share(subject.cycles));
+    line.number(std::string("tick_cost_preempted_share_") + subject.key, preempted_share(subject.cycles));
   }
   const double control = median_ns.back() / median_ns.front();
   line.number("cost_control_32j_over_1j", control);

@@ -10,7 +10,6 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cerrno>
 #include <cmath>
 #include <csignal>
@@ -19,7 +18,6 @@
 #include <cstring>
 #include <memory>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -67,11 +65,7 @@ struct Spun {
   std::vector<Cycle> cycles;
   double skipped = 0;
   double skipped_share() const { return cycles.empty() ? 0 : skipped / static_cast<double>(cycles.size()); }
-  double late_share() const {
-    const auto late_ns = figure_ns(cycles, &Cycle::late_ns, true);
-    const auto late = std::count_if(late_ns.begin(), late_ns.end(), [](std::int64_t ns) { return ns > kLateNs; });
-    return late_ns.empty() ? 0 : static_cast<double>(late) / static_cast<double>(late_ns.size());
-  }
+  double late_share() const { return share_above(figure_ns(cycles, &Cycle::late_ns, true), kLateNs); }
 };
 
 // The clock that the blocks read, adjusted before each block: the kernel's timer tick is on its whole milliseconds.
@@ -86,26 +80,6 @@ void spin_block(Time& time, std::int64_t phase_ns, Spun& spun) {
   run_block(time.clock, kPeriodNs, phase_ns, kBlockNs, spun.cycles,
             [&](std::int64_t, std::int64_t, std::uint32_t skipped, Cycle&, Cycle*) { spun.skipped += skipped; });
 }
-
-// An ordinary thread that uses the core too.
-class Competitor {
- public:
-  explicit Competitor(int cpu)
-      : thread_(on_core(cpu, [this] {
-          ordinary_priority();
-          while (!stop_.load(std::memory_order_relaxed)) spin_pause();
-        })) {}
-  ~Competitor() {
-    stop_.store(true, std::memory_order_relaxed);
-    thread_.join();
-  }
-  Competitor(const Competitor&) = delete;
-  Competitor& operator=(const Competitor&) = delete;
-
- private:
-  std::atomic<bool> stop_{false};
-  std::thread thread_;
-};
 
 std::string set_nice(int value) {
   return setpriority(PRIO_PROCESS, 0, value) == 0 ? "" : "nice " + std::to_string(value) + ": " + std::strerror(errno);
@@ -149,18 +123,10 @@ class OtherSession {
   pid_t pid_;
 };
 
-// Wall time, and the CPU time that the calling thread had in it.
-struct Had {
-  double wall_ns = 0, cpu_ns = 0;
-  double share() const { return wall_ns > 0 ? cpu_ns / wall_ns : 0; }
-};
-
 void spin_for(std::int64_t ns, Had& had) {
   const ThreadToll before = thread_toll();
   while (monotonic_ns() < before.wall_ns + ns) spin_pause();
-  const ThreadToll after = thread_toll();
-  had.wall_ns += static_cast<double>(after.wall_ns - before.wall_ns);
-  had.cpu_ns += static_cast<double>(after.cpu_ns - before.cpu_ns);
+  had.add(before, thread_toll());
 }
 
 struct Runs {
@@ -175,7 +141,7 @@ constexpr std::array<std::int64_t, 3> kPhases = {0, kPhaseNs, kPhaseNs / 2};
 
 void measure_nice(int cpu, Time& time, Runs& runs) {
   spin_block(time, kPhaseNs, runs.alone);
-  const Competitor competitor(cpu);
+  const Competitor competitor(cpu, ordinary_priority);
   spin_block(time, kPhaseNs, runs.beside);
   if (runs.nice_absent = set_nice(-20); !runs.nice_absent.empty()) return;
   spin_block(time, kPhaseNs, runs.raised_beside);
@@ -222,8 +188,8 @@ void report(const Runs& runs) {
       .quantiles("host_grid_whole", figure_ns(runs.grids[0].cycles, &Cycle::late_ns, true))
       .quantiles("host_grid_moved", figure_ns(runs.grids[1].cycles, &Cycle::late_ns, true))
       .quantiles("host_grid_quarter", figure_ns(runs.grids[2].cycles, &Cycle::late_ns, true))
-      .number("host_stolen_share", share(quiet, [](const Cycle& c) { return c.stolen(); }))
-      .number("host_preempted_share", share(quiet, [](const Cycle& c) { return c.switches > 0; }))
+      .number("host_stolen_share", stolen_share(quiet))
+      .number("host_preempted_share", preempted_share(quiet))
       .number("host_nice_alone_skipped_share", runs.alone.skipped_share())
       .number("host_nice_ordinary_skipped_share", runs.beside.skipped_share())
       .flag("host_nice_control_failed_as_it_must", runs.beside.skipped_share() >= kControlAtLeast);

@@ -5,7 +5,6 @@
 // disturbs both in the same way; cyclictest runs on the same core after each round. The negative control is LITHE with
 // another busy thread on its core; its result must be bad.
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <string>
@@ -45,13 +44,8 @@ Runs measure(Cores cores) {
     cyclictest = cyclictest && run_cyclictest(cores.spine, kCyclictestSeconds, runs.cyclictest_ns);
   }
   if (!cyclictest) runs.cyclictest_ns.clear();  // the other figures are valid without it
-  std::atomic<bool> stop{false};
-  std::thread competitor = on_core(cores.spine, [&] {
-    while (!stop.load(std::memory_order_relaxed)) spin_pause();
-  });
+  const Competitor competitor(cores.spine);
   for (int block = 0; block < 6; ++block) rig.run_block(kBlockNs, runs.control);
-  stop.store(true);
-  competitor.join();
   return runs;
 }
 
@@ -87,9 +81,9 @@ void report(const Runs& runs) {
       .quantiles("handoff", figure_ns(runs.lithe, &Cycle::handoff_ns, true))
       .quantiles("handoff_raw", figure_ns(runs.lithe, &Cycle::handoff_ns, false))
       .number("jitter_cycles", static_cast<double>(all.size()))
-      .number("jitter_stolen_share", share(all, [](const Cycle& c) { return c.stolen(); }))
-      .number("floor_preempted_share", share(runs.floor, [](const Cycle& c) { return c.switches > 0; }))
-      .number("jitter_preempted_share", share(runs.lithe, [](const Cycle& c) { return c.switches > 0; }))
+      .number("jitter_stolen_share", stolen_share(all))
+      .number("floor_preempted_share", preempted_share(runs.floor))
+      .number("jitter_preempted_share", preempted_share(runs.lithe))
       .number("jitter_faulting_share", share(runs.lithe, [](const Cycle& c) { return c.faults > 0; }))
       .number("control_over_floor", control)
       .flag("jitter_control_failed_as_it_must", control >= kControlAtLeast)

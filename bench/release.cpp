@@ -28,9 +28,7 @@ struct Way {
   const char* name;
   loop::ReleaseWait wait;
   std::vector<Cycle> cycles;
-  double wall_ns = 0, cpu_ns = 0;
-
-  double processor_share() const { return wall_ns > 0 ? cpu_ns / wall_ns : 0; }
+  Had had = {};
 };
 
 void block(loop::SteeredClock& clock, Way& way, std::int64_t length_ns) {
@@ -38,9 +36,7 @@ void block(loop::SteeredClock& clock, Way& way, std::int64_t length_ns) {
   run_block(
       clock, kPeriodNs, kPhaseNs, length_ns, way.cycles,
       [](std::int64_t, std::int64_t, std::uint32_t, Cycle&, Cycle*) {}, &way.wait);
-  const ThreadToll after = thread_toll();
-  way.wall_ns += static_cast<double>(after.wall_ns - before.wall_ns);
-  way.cpu_ns += static_cast<double>(after.cpu_ns - before.cpu_ns);
+  way.had.add(before, thread_toll());
 }
 
 std::array<Way, 3> measure(int rounds) {
@@ -55,7 +51,7 @@ std::array<Way, 3> measure(int rounds) {
   loop::SteeredClock clock(*memory);
   block(clock, ways[1], kLearnNs);
   ways[1].cycles.clear();
-  ways[1].wall_ns = ways[1].cpu_ns = 0;
+  ways[1].had = {};
   for (int round = 0; round < rounds; ++round) {
     for (Way& each : ways) {
       keeper.renew();
@@ -63,11 +59,6 @@ std::array<Way, 3> measure(int rounds) {
     }
   }
   return ways;
-}
-
-double late_share(const std::vector<std::int64_t>& late_ns, std::int64_t limit_ns) {
-  const auto late = std::count_if(late_ns.begin(), late_ns.end(), [&](std::int64_t ns) { return ns > limit_ns; });
-  return late_ns.empty() ? 0 : static_cast<double>(late) / static_cast<double>(late_ns.size());
 }
 
 void report(const std::array<Way, 3>& ways) {
@@ -78,9 +69,9 @@ void report(const std::array<Way, 3>& ways) {
     p50_ns[i] = static_cast<double>(std::max<std::int64_t>(quantile_ns(late_ns, 0.5), 1));
     const std::string key = std::string("release_") + ways[i].name;
     line.quantiles(key, late_ns)
-        .number(key + "_over_20us", late_share(late_ns, 20'000))
-        .number(key + "_over_100us", late_share(late_ns, 100'000))
-        .number(key + "_processor_share", ways[i].processor_share());
+        .number(key + "_over_20us", share_above(late_ns, 20'000))
+        .number(key + "_over_100us", share_above(late_ns, 100'000))
+        .number(key + "_processor_share", ways[i].had.share());
   }
   line.number("release_window_us", static_cast<double>(ways[1].wait.window_ns()) / 1e3)
       .flag("release_control_failed_as_it_must", p50_ns[2] / p50_ns[0] >= kControlAtLeast)

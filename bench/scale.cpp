@@ -8,7 +8,6 @@
 // without the law, in each period. The negative control compares 32 joints with one; they must differ. argv: rounds of
 // the exchanges, rounds of the Spines.
 #include <algorithm>
-#include <cstdio>
 #include <cstdlib>
 #include <memory>
 #include <string>
@@ -35,15 +34,12 @@ constexpr std::int64_t kTickNs = kNsPerMs;
 constexpr std::uint64_t kPushTicks = 200;
 
 robot::RobotConfig robot_of(std::size_t joints) {
-  auto config = robot::load_robot(LITHE_ROBOTS "/arm32.toml");
-  if (!config || config->joints.size() < joints) {
-    std::fprintf(stderr, "bench: %s\n", config ? "robots/arm32.toml has too few joints" : config.message().c_str());
-    std::exit(2);
-  }
-  config->joints.resize(joints);
-  config->devices.resize(joints);
-  for (robot::JointConfig& joint : config->joints) joint.sim.initial_position_rad = 1;
-  return std::move(*config);
+  auto config = or_exit(robot::load_robot(LITHE_ROBOTS "/arm32.toml"));
+  if (config.joints.size() < joints) give_up("robots/arm32.toml has too few joints");
+  config.joints.resize(joints);
+  config.devices.resize(joints);
+  for (robot::JointConfig& joint : config.joints) joint.sim.initial_position_rad = 1;
+  return config;
 }
 
 std::unique_ptr<hal::Actuators> open(std::size_t joints) {
@@ -52,12 +48,7 @@ std::unique_ptr<hal::Actuators> open(std::size_t joints) {
     none->add_bus(std::make_unique<hal::LoopBus>(), nullptr);
     return none;
   }
-  auto opened = hal::sim::open_actuators(robot_of(joints));
-  if (!opened) {
-    std::fprintf(stderr, "bench: %s\n", opened.message().c_str());
-    std::exit(2);
-  }
-  return std::move(*opened);
+  return or_exit(hal::sim::open_actuators(robot_of(joints)));
 }
 
 // One robot's exchanges.
@@ -120,14 +111,6 @@ class Subject {
   double resting_ = 0;
 };
 
-// What it takes compared with the floor's block of the same round: the middle one of all rounds.
-double over(const Subject& subject, const Subject& floor) {
-  std::vector<std::int64_t> ratios_pm;
-  for (std::size_t i = 0; i < subject.median_ns().size(); ++i)
-    ratios_pm.push_back(1000 * subject.median_ns()[i] / std::max<std::int64_t>(floor.median_ns()[i], 1));
-  return static_cast<double>(quantile_ns(ratios_pm, 0.5)) / 1e3;
-}
-
 void exchanges(int rounds, JsonLine& line) {
   std::vector<Subject> subjects;
   subjects.emplace_back(0, false);
@@ -137,20 +120,21 @@ void exchanges(int rounds, JsonLine& line) {
   const ThreadToll before = thread_toll();
   for (int round = 0; round < rounds; ++round)
     for (Subject& subject : subjects) subject.run_block(clock);
-  const ThreadToll after = thread_toll();
-  const double wall_ns = static_cast<double>(after.wall_ns - before.wall_ns);
+  Had had;
+  had.add(before, thread_toll());
   bool missed = false;
   double one = 1, most = 0, resting = 0;
   for (const Subject& subject : subjects) {
     line.quantiles(subject.key(), subject.all_ns());
-    if (subject.joints() > 0) line.number(subject.key() + "_over_empty", over(subject, subjects.front()));
+    if (subject.joints() > 0)
+      line.number(subject.key() + "_over_empty", middle_ratio(subject.median_ns(), subjects.front().median_ns()));
     missed = missed || subject.missed();
     resting = std::max(resting, subject.resting_share());
     const double median = static_cast<double>(quantile_ns(subject.median_ns(), 0.5));
     if (subject.key() == "exchange_1j") one = median;
     if (subject.key() == "exchange_32j") most = median;
   }
-  line.number("scale_away_share", 1 - static_cast<double>(after.cpu_ns - before.cpu_ns) / wall_ns)
+  line.number("scale_away_share", 1 - had.share())
       .number("scale_resting_share", resting)
       .number("scale_unanswered_share", missed ? 1 : 0)
       .number("scale_control_32j_over_1j", most / one)
@@ -173,8 +157,7 @@ void spines(int rounds, Cores cores, JsonLine& line) {
         .quantiles("scale_transport_" + joints, figure_ns(cycles[i], &Cycle::bus_ns, true));
     all.insert(all.end(), cycles[i].begin(), cycles[i].end());
   }
-  line.number("scale_stolen_share", share(all, [](const Cycle& c) { return c.stolen(); }))
-      .number("scale_preempted_share", share(all, [](const Cycle& c) { return c.switches > 0; }));
+  line.number("scale_stolen_share", stolen_share(all)).number("scale_preempted_share", preempted_share(all));
 }
 
 }  // namespace

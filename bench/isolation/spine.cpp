@@ -8,9 +8,7 @@
 //   control N      N times 500 ms of LITHE with another busy thread on its core: the negative control
 //   cyclictest S   cyclictest on the same core for S seconds
 //   swaps 0|1      from now on, a law is offered every 20 ms, or none
-#include <atomic>
 #include <cstdio>
-#include <cstdlib>
 #include <iostream>
 #include <string>
 #include <utility>
@@ -39,13 +37,9 @@ struct Record {
 
 // robots/arm.toml, with longer time-outs: a machine that stalls must not make the guard stop the arm in every block.
 robot::RobotConfig patient_arm() {
-  auto config = robot::load_robot(LITHE_ROBOTS "/arm.toml");
-  if (!config) {
-    std::fprintf(stderr, "bench: %s\n", config.message().c_str());
-    std::exit(2);
-  }
-  config->spine.late_ticks_to_stop = 300;
-  return std::move(*config);
+  auto config = or_exit(robot::load_robot(LITHE_ROBOTS "/arm.toml"));
+  config.spine.late_ticks_to_stop = 300;
+  return config;
 }
 
 class Subject {
@@ -92,13 +86,10 @@ class Subject {
   }
   void control(int blocks) {
     std::vector<Cycle> cycles;
-    std::atomic<bool> stop{false};
-    std::thread competitor = on_core(cores_.spine, [&] {
-      while (!stop.load(std::memory_order_relaxed)) spin_pause();
-    });
-    for (int i = 0; i < blocks; ++i) rig_.run_block(kBlockNs, cycles);
-    stop.store(true);
-    competitor.join();
+    {
+      const Competitor competitor(cores_.spine);
+      for (int i = 0; i < blocks; ++i) rig_.run_block(kBlockNs, cycles);
+    }
     write(Program::control, cycles);
   }
   void cyclictest(int seconds) {
@@ -121,10 +112,7 @@ class Subject {
 int main(int argc, char** argv) {
   using namespace lithe::bench;
   std::FILE* file = argc == 2 ? std::fopen(argv[1], "wb") : nullptr;
-  if (file == nullptr) {
-    std::fprintf(stderr, "bench: usage: bench_isolation RECORDS_FILE, a file that can be written\n");
-    return 2;
-  }
+  if (file == nullptr) give_up("usage: bench_isolation RECORDS_FILE, a file that can be written");
   const bool two_cores = lithe::machine_cores().automatic().size() < 3;  // asked before this thread is pinned
   Subject subject(become_a_spine(), two_cores, file);
   subject.answer();  // ready

@@ -97,4 +97,12 @@ inline double share(const std::vector<Cycle>& cycles, bool (*holds)(const Cycle&
   return cycles.empty() ? 0.0 : static_cast<double>(count) / static_cast<double>(cycles.size());
 }
 
+inline double stolen_share(const std::vector<Cycle>& cycles) {
+  return share(cycles, [](const Cycle& c) { return c.stolen(); });
+}
+
+inline double preempted_share(const std::vector<Cycle>& cycles) {
+  return share(cycles, [](const Cycle& c) { return c.switches > 0; });
+}
+
 }  // namespace lithe::bench

@@ -15,30 +15,26 @@
 
 namespace lithe::bench {
 
+void give_up(const std::string& why) {
+  std::fprintf(stderr, "bench: %s\n", why.c_str());
+  std::exit(2);
+}
+
 Cores pick_cores() {
   const MachineCores machine = machine_cores();
-  if (machine.automatic().size() < 2) {
-    std::fprintf(stderr, "bench: needs two cores, this process may use %zu\n", machine.automatic().size());
-    std::exit(2);
-  }
+  if (const std::size_t cores = machine.automatic().size(); cores < 2)
+    give_up("needs two cores, this process may use " + std::to_string(cores));
   Cores wanted;
   if (const std::string named = environment("LITHE_BENCH_CORES"); !named.empty()) {
     if (std::sscanf(named.c_str(), "%d,%d", &wanted.spine, &wanted.partner) == 2 && wanted.spine != wanted.partner)
       return wanted;
-    std::fprintf(stderr, "bench: LITHE_BENCH_CORES names two different cores, as in 1,3; it says '%s'\n",
-                 named.c_str());
-    std::exit(2);
+    give_up("LITHE_BENCH_CORES names two different cores, as in 1,3; it says '" + named + "'");
   }
   const robot::CpuPlan plan = robot::fold_cpus(machine);
   return {plan.spine, plan.transport_inline ? plan.housekeeping : plan.transport};
 }
 
-void pin_or_exit(int cpu) {
-  if (const auto pinned = pin_this_thread(cpu); !pinned) {
-    std::fprintf(stderr, "bench: %s\n", pinned.message().c_str());
-    std::exit(2);
-  }
-}
+void pin_or_exit(int cpu) { or_exit(pin_this_thread(cpu)); }
 
 Cores become_a_spine() {
   const Cores cores = pick_cores();
@@ -53,6 +49,17 @@ std::thread on_core(int cpu, std::function<void()> body) {
     pin_or_exit(cpu);
     body();
   });
+}
+
+Competitor::Competitor(int cpu, void (*first)())
+    : thread_(on_core(cpu, [this, first] {
+        first();
+        while (!stop_.load(std::memory_order_relaxed)) spin_pause();
+      })) {}
+
+Competitor::~Competitor() {
+  stop_.store(true, std::memory_order_relaxed);  // pairs with the load in its loop
+  thread_.join();
 }
 
 ThreadToll thread_toll() {

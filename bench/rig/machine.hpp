@@ -1,12 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// Threads on selected cores, and the kernel's counts about the calling thread.
+// Threads on selected cores, the kernel's counts about the calling thread, and the end of a bench that cannot go on.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
+#include <string>
 #include <thread>
+#include <utility>
+
+#include "spine/core/result.hpp"
 
 namespace lithe::bench {
+
+[[noreturn]] void give_up(const std::string& why);
+
+template <class T>
+T or_exit(Result<T> result) {
+  if (!result) give_up(result.message());
+  return std::move(*result);
+}
 
 // The two cores a bench uses: where the Spine would tick, and its partner (Transport or Brain).
 struct Cores {
@@ -20,6 +33,19 @@ Cores pick_cores();
 
 // Starts a thread already pinned to `cpu`.
 std::thread on_core(int cpu, std::function<void()> body);
+
+// A thread that uses a core as much as it can, after `first()`.
+class Competitor {
+ public:
+  explicit Competitor(int cpu, void (*first)() = [] {});
+  ~Competitor();
+  Competitor(const Competitor&) = delete;
+  Competitor& operator=(const Competitor&) = delete;
+
+ private:
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
 
 // Pins the calling thread; ends the program when that is refused.
 void pin_or_exit(int cpu);
@@ -37,5 +63,16 @@ struct ThreadToll {
   std::int64_t minor_faults = 0;
 };
 ThreadToll thread_toll();
+
+// Wall time, and the processor time that a thread had in it.
+struct Had {
+  double wall_ns = 0, cpu_ns = 0;
+
+  void add(const ThreadToll& before, const ThreadToll& after) {
+    wall_ns += static_cast<double>(after.wall_ns - before.wall_ns);
+    cpu_ns += static_cast<double>(after.cpu_ns - before.cpu_ns);
+  }
+  double share() const { return wall_ns > 0 ? cpu_ns / wall_ns : 0; }
+};
 
 }  // namespace lithe::bench

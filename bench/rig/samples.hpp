@@ -21,6 +21,27 @@ inline std::int64_t quantile_ns(std::vector<std::int64_t> samples_ns, double q) 
   return samples_ns[at];
 }
 
+// The share of the samples above a limit.
+inline double share_above(const std::vector<std::int64_t>& samples_ns, std::int64_t limit_ns) {
+  const auto above =
+      std::count_if(samples_ns.begin(), samples_ns.end(), [&](std::int64_t ns) { return ns > limit_ns; });
+  return samples_ns.empty() ? 0 : static_cast<double>(above) / static_cast<double>(samples_ns.size());
+}
+
+// Rounds in which two subjects took turns: the time of one relative to that of the other in each round, per mille.
+inline std::vector<std::int64_t> ratios_pm(const std::vector<std::int64_t>& over_ns,
+                                           const std::vector<std::int64_t>& under_ns) {
+  std::vector<std::int64_t> ratios;
+  for (std::size_t round = 0; round < over_ns.size(); ++round)
+    ratios.push_back(1000 * over_ns[round] / std::max<std::int64_t>(under_ns[round], 1));
+  return ratios;
+}
+
+// The middle one of these ratios.
+inline double middle_ratio(const std::vector<std::int64_t>& over_ns, const std::vector<std::int64_t>& under_ns) {
+  return static_cast<double>(quantile_ns(ratios_pm(over_ns, under_ns), 0.5)) / 1e3;
+}
+
 // One flat JSON object, written member by member.
 class JsonLine {
  public:

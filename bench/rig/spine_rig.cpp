@@ -2,8 +2,6 @@
 #include "bench/rig/spine_rig.hpp"
 
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
 #include <ctime>
 #include <utility>
 
@@ -18,15 +16,6 @@ namespace lithe::bench {
 namespace {
 
 constexpr std::int64_t kPlanIntervalNs = 20 * kNsPerMs;
-
-template <class T>
-T or_exit(Result<T> result) {
-  if (!result) {
-    std::fprintf(stderr, "bench: %s\n", result.message().c_str());
-    std::exit(2);
-  }
-  return std::move(*result);
-}
 
 // The next 320 ms of a 0.5 Hz sine on every joint.
 void fill_plan(wire::Plan& plan, std::uint32_t joints, std::int64_t now_ns) {
@@ -123,9 +112,7 @@ void SpineRig::arm() {
     order(wire::CommandKind::reset);
     order(wire::CommandKind::arm);
   }
-  if (spine_->mode() == wire::Mode::active) return;
-  std::fprintf(stderr, "bench: the rig of %s cannot be armed\n", config_.path.c_str());
-  std::exit(2);
+  if (spine_->mode() != wire::Mode::active) give_up("the rig of " + config_.path + " cannot be armed");
 }
 
 void SpineRig::run_block(std::int64_t block_ns, std::vector<Cycle>& cycles) {

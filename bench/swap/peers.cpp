@@ -43,11 +43,6 @@ constexpr std::int64_t kPeriodNs = kNsPerMs;
 constexpr std::int64_t kPhaseNs = 500 * kNsPerUs;
 constexpr std::uint32_t kSettleTicks = 20;
 
-[[noreturn]] void give_up(const char* what, const char* why) {
-  std::fprintf(stderr, "bench: %s: %s\n", what, why);
-  std::exit(2);
-}
-
 // bench/swap/peers.py reads these bytes from the file.
 struct TickRecord {
   std::int64_t release_ns, woke_ns, output_ns;
@@ -63,9 +58,9 @@ struct Loaded {
 Loaded load(const std::string& path) {
   Loaded loaded;
   loaded.handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
-  if (loaded.handle == nullptr) give_up(path.c_str(), "cannot be loaded");
+  if (loaded.handle == nullptr) give_up(path + ": cannot be loaded");
   loaded.law = static_cast<const LitheLaw*>(dlsym(loaded.handle, "lithe_law"));
-  if (loaded.law == nullptr) give_up(path.c_str(), "is no law");
+  if (loaded.law == nullptr) give_up(path + ": is no law");
   return loaded;
 }
 
@@ -194,8 +189,8 @@ void Peer::swap_here(bool compile) {
     std::array<char*, 4> argv = {words[0].data(), words[1].data(), words[2].data(), nullptr};
     pid_t child = 0;
     int status = 0;
-    if (posix_spawn(&child, "/bin/sh", nullptr, nullptr, argv.data(), environ) != 0) give_up("sh", "cannot be run");
-    if (waitpid(child, &status, 0) != child || status != 0) give_up(compile_.c_str(), "does not compile");
+    if (posix_spawn(&child, "/bin/sh", nullptr, nullptr, argv.data(), environ) != 0) give_up("sh: cannot be run");
+    if (waitpid(child, &status, 0) != child || status != 0) give_up(compile_ + ": does not compile");
   }
   dlclose(active_.exchange(load(next_law())).handle);
   done_ns_.store(monotonic_ns());
@@ -258,7 +253,7 @@ void answer(const std::vector<Peer::Window>& windows) {
 
 int serve_orders(int core, bool shared, const char* ticks_file, Peer& peer) {
   std::FILE* file = std::fopen(ticks_file, "wb");
-  if (file == nullptr) give_up(ticks_file, "cannot be written");
+  if (file == nullptr) give_up(std::string(ticks_file) + ": cannot be written");
   pin_or_exit(core);
   if (!shared) raise_priority();  // a spinning loop would take all time from the process that controls it
   if (const auto locked = lock_memory(); !locked) std::fprintf(stderr, "bench: %s\n", locked.message().c_str());
@@ -281,7 +276,7 @@ int serve_orders(int core, bool shared, const char* ticks_file, Peer& peer) {
 
 int main(int argc, char** argv) {
   using namespace lithe::bench;
-  if (argc < 7) give_up("usage", "bench_swap_peers CORE LOADER_CORE TICKS_FILE COMPILE_COMMAND LAW.so LAW.so ...");
+  if (argc < 7) give_up("usage: bench_swap_peers CORE LOADER_CORE TICKS_FILE COMPILE_COMMAND LAW.so LAW.so ...");
   const int core = std::atoi(argv[1]), loader_core = std::atoi(argv[2]);
   Peer peer(argv[4], {argv + 5, argv + argc}, loader_core);
   return serve_orders(core, core == loader_core, argv[3], peer);
