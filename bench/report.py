@@ -76,7 +76,7 @@ BENCHES = {
         {"jitter_stolen_share": DISTURBED, "floor_preempted_share": DISTURBED},
     ),
     "cost": Bench(
-        program("cost"),
+        (*program("scale"), "cost"),
         tables.show_cost,
         ("tick_cost_p50_us_1j", "tick_cost_p50_us_8j", "tick_cost_p50_us_32j"),
         dict.fromkeys(COST_SHARES, DISTURBED),

@@ -6,8 +6,10 @@
 // with moving joints. The floor is an exchange without joints. Subjects take turns in short blocks. "transport" and
 // "tick" are from a whole Spine at 1 kHz, in blocks of half a second: the time of its Transport thread and of its tick
 // without the law, in each period. The negative control compares 32 joints with one; they must differ. argv: rounds of
-// the exchanges, rounds of the Spines.
+// the exchanges, rounds of the Spines; or "cost": only the ticks of whole Spines, on the robot files with 1, 8 and 32
+// joints.
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <memory>
 #include <string>
@@ -29,7 +31,8 @@ namespace {
 constexpr int kExchanges = 500;  // in a block
 constexpr int kWarmUp = 20;      // more, before those that count: another subject had the caches
 constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
-constexpr double kControlAtLeast = 4;
+constexpr int kCostRounds = 8;
+constexpr double kControlAtLeast = 4, kCostControlAtLeast = 1.3;
 constexpr std::int64_t kTickNs = kNsPerMs;
 constexpr std::uint64_t kPushTicks = 200;
 
@@ -141,23 +144,49 @@ void exchanges(int rounds, JsonLine& line) {
       .flag("scale_control_failed_as_it_must", most / one >= kControlAtLeast);
 }
 
-void spines(int rounds, Cores cores, JsonLine& line) {
-  const std::vector<std::size_t> sizes{1, 4, 12, 32};
-  std::vector<std::vector<Cycle>> cycles(sizes.size());
+// The cycles of each robot's Spine; they take turns.
+std::vector<std::vector<Cycle>> tick(int rounds, Cores cores, const std::vector<robot::RobotConfig>& robots) {
+  std::vector<std::vector<Cycle>> cycles(robots.size());
   for (int round = 0; round < rounds; ++round) {
-    for (std::size_t i = 0; i < sizes.size(); ++i) {
-      SpineRig rig(robot_of(sizes[i]), cores);  // alone: another rig's Transport would share the partner core
+    for (std::size_t i = 0; i < robots.size(); ++i) {
+      SpineRig rig(robots[i], cores);  // alone: another rig's Transport would share the partner core
       rig.run_block(kBlockNs, cycles[i]);
     }
   }
+  return cycles;
+}
+
+void spines(int rounds, Cores cores, JsonLine& line) {
+  const std::vector<std::vector<Cycle>> cycles =
+      tick(rounds, cores, {robot_of(1), robot_of(4), robot_of(12), robot_of(32)});
   std::vector<Cycle> all;
-  for (std::size_t i = 0; i < sizes.size(); ++i) {
-    const std::string joints = std::to_string(sizes[i]) + "j";
+  for (std::size_t i = 0; i < cycles.size(); ++i) {
+    const std::string joints = std::array{"1j", "4j", "12j", "32j"}[i];
     line.quantiles("scale_tick_" + joints, figure_ns(cycles[i], &Cycle::cost_ns, true))
         .quantiles("scale_transport_" + joints, figure_ns(cycles[i], &Cycle::bus_ns, true));
     all.insert(all.end(), cycles[i].begin(), cycles[i].end());
   }
   line.number("scale_stolen_share", stolen_share(all)).number("scale_preempted_share", preempted_share(all));
+}
+
+void cost(Cores cores, JsonLine& line) {
+  std::vector<robot::RobotConfig> robots;
+  for (const char* file : {LITHE_ROBOTS "/arm.toml", LITHE_ROBOTS "/arm8.toml", LITHE_ROBOTS "/arm32.toml"})
+    robots.push_back(or_exit(robot::load_robot(file)));
+  const std::vector<std::vector<Cycle>> cycles = tick(kCostRounds, cores, robots);
+  std::vector<double> median_ns;
+  for (std::size_t i = 0; i < cycles.size(); ++i) {
+    const std::string joints = std::array{"1j", "8j", "32j"}[i];
+    const auto cost_ns = figure_ns(cycles[i], &Cycle::cost_ns, true);
+    median_ns.push_back(static_cast<double>(quantile_ns(cost_ns, 0.5)));
+    line.quantiles("tick_cost_" + joints, cost_ns)
+        .number("tick_cost_p50_us_" + joints, median_ns.back() / 1e3)
+        .number("tick_cost_stolen_share_" + joints, stolen_share(cycles[i]))
+        .number("tick_cost_preempted_share_" + joints, preempted_share(cycles[i]));
+  }
+  const double control = median_ns.back() / median_ns.front();
+  line.number("cost_control_32j_over_1j", control)
+      .flag("cost_control_failed_as_it_must", control >= kCostControlAtLeast);
 }
 
 }  // namespace
@@ -169,8 +198,12 @@ int main(int argc, char** argv) {
   const int spine_rounds = argc > 2 ? std::atoi(argv[2]) : 6;
   const Cores cores = become_a_spine();
   JsonLine line;
-  exchanges(exchange_rounds, line);
-  spines(spine_rounds, cores, line);
+  if (argc > 1 && argv[1] == std::string("cost")) {
+    cost(cores, line);
+  } else {
+    exchanges(exchange_rounds, line);
+    spines(spine_rounds, cores, line);
+  }
   line.print();
   return 0;
 }
