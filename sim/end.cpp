@@ -162,9 +162,8 @@ void CanEnd::serve(std::int64_t now_ns) {
     if (moved.error != 0) socket_.close();
     if (moved.bytes == 0) return;
     hal::Frame frame;
-    hal::socketcan::ErrorCounts error_counts;
     const auto bytes = std::as_bytes(std::span(&raw, 1)).first(moved.bytes);
-    if (hal::socketcan::decode(bytes, frame, error_counts) != hal::socketcan::Kind::frame) continue;
+    if (hal::socketcan::decode(bytes, frame) != hal::socketcan::Kind::frame) continue;
     wire_.on_frame(frame, now_ns, answers_);
     pass_on();
   }

@@ -74,22 +74,20 @@ bool SocketCanBus::receive(Frame& frame) LITHE_RT {
     const Moved moved = socket_.read(bytes);
     if (moved.error != 0) link_.lose(moved.error);
     if (moved.bytes == 0) return false;
-    const socketcan::ErrorCounts before = error_counts_;
-    const socketcan::Kind kind = socketcan::decode(std::span(bytes).first(moved.bytes), frame, error_counts_);
-    if (kind == socketcan::Kind::error) note_state(before);
-    if (kind == socketcan::Kind::malformed) ++statistics_.malformed;
-    if (kind == socketcan::Kind::remote) ++statistics_.ignored;
-    if (kind != socketcan::Kind::frame) continue;
-    ++statistics_.received;
-    return true;
+    const socketcan::Kind kind = socketcan::decode(std::span(bytes).first(moved.bytes), frame);
+    note(kind);
+    if (kind == socketcan::Kind::frame) return true;
   }
   return false;
 }
 
-void SocketCanBus::note_state(const socketcan::ErrorCounts& before) LITHE_RT {
-  ++statistics_.errors;
-  if (error_counts_.bus_off != before.bus_off) bus_off_.store(true, std::memory_order_relaxed);
-  if (error_counts_.restarted != before.restarted) bus_off_.store(false, std::memory_order_relaxed);
+void SocketCanBus::note(socketcan::Kind kind) LITHE_RT {
+  using enum socketcan::Kind;
+  if (kind == frame) ++statistics_.received;
+  if (kind == malformed) ++statistics_.malformed;
+  if (kind == remote) ++statistics_.ignored;
+  if (kind == error || kind == bus_off || kind == restarted) ++statistics_.errors;
+  if (kind == bus_off || kind == restarted) bus_off_.store(kind == bus_off, std::memory_order_relaxed);
 }
 
 void SocketCanBus::service() {

@@ -53,8 +53,6 @@ class SocketCanBus final : public Bus {
   std::string why_down() const override;
   std::uint64_t overrun() const override { return overrun_before_ + socket_.dropped(); }
 
-  const socketcan::ErrorCounts& error_counts() const LITHE_RT { return error_counts_; }
-
  private:
   SocketCanBus(const SocketCanParams& params, Opener opener, Look look, Descriptor socket);
 
@@ -62,7 +60,7 @@ class SocketCanBus final : public Bus {
     return link_.up() && !bus_off_.load(std::memory_order_relaxed) && !stuck_.load(std::memory_order_relaxed);
   }
   bool refuse() LITHE_RT;
-  void note_state(const socketcan::ErrorCounts& before) LITHE_RT;
+  void note(socketcan::Kind kind) LITHE_RT;
 
   std::string interface_;
   Opener opener_;
@@ -73,7 +71,6 @@ class SocketCanBus final : public Bus {
   bool fd_;
   std::string not_reopened_;          // the reason; main thread only
   std::uint64_t overrun_before_ = 0;  // of closed sockets; main thread only
-  socketcan::ErrorCounts error_counts_;
   // All relaxed: the first two are written by the exchange and only reported by why_down(); service() writes the third.
   std::atomic<bool> bus_off_{false};
   std::atomic<bool> stuck_{false};  // frames of an earlier exchange are not sent yet

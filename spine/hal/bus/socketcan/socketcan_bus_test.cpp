@@ -216,8 +216,6 @@ TEST_F(SocketCanBusTest, BusOffRefusesCommandsUntilTheControllerIsRestarted) {
   EXPECT_EQ(bus->why_down(), "");
   EXPECT_TRUE(bus->send(command(1, 1)));
   EXPECT_EQ(bus->statistics().errors, 2U);
-  EXPECT_EQ(bus->error_counts().bus_off, 1U);
-  EXPECT_EQ(bus->error_counts().restarted, 1U);
 }
 
 TEST_F(SocketCanBusTest, ABusFullOfErrorsDoesNotKeepTheExchange) {

@@ -17,15 +17,14 @@ std::size_t encode(const Frame& frame, canfd_frame& out) LITHE_RT {
   return frame.fd ? CANFD_MTU : CAN_MTU;
 }
 
-Kind decode(std::span<const std::byte> bytes, Frame& frame, ErrorCounts& error_counts) LITHE_RT {
+Kind decode(std::span<const std::byte> bytes, Frame& frame) LITHE_RT {
   const bool fd = bytes.size() == CANFD_MTU;
   if (!fd && bytes.size() != CAN_MTU) return Kind::malformed;
   canfd_frame raw{};
   std::memcpy(&raw, bytes.data(), bytes.size());
   if ((raw.can_id & CAN_ERR_FLAG) != 0) {
-    if ((raw.can_id & CAN_ERR_BUSOFF) != 0) ++error_counts.bus_off;
-    if ((raw.can_id & CAN_ERR_RESTARTED) != 0) ++error_counts.restarted;
-    return Kind::error;
+    if ((raw.can_id & CAN_ERR_RESTARTED) != 0) return Kind::restarted;
+    return (raw.can_id & CAN_ERR_BUSOFF) != 0 ? Kind::bus_off : Kind::error;
   }
   if ((raw.can_id & CAN_RTR_FLAG) != 0) return Kind::remote;
   Frame heard;

@@ -13,23 +13,19 @@
 
 namespace lithe::hal::socketcan {
 
-// Counts of error frames that tell these two.
-struct ErrorCounts {
-  std::uint64_t bus_off = 0;    // silent until the restart
-  std::uint64_t restarted = 0;  // after bus-off
-};
-
 // The number of bytes in `out`; 0: not a valid CAN frame.
 std::size_t encode(const Frame& frame, canfd_frame& out) LITHE_RT;
 
 enum class Kind : std::uint8_t {
   frame,
   remote,     // remote frame; not used by the devices here
-  error,      // counted in `error_counts`
+  error,      // an error frame that tells neither of the next two
+  bus_off,    // silent until the restart
+  restarted,  // after bus-off
   malformed,  // not a valid packet
 };
 
-// Parses one packet. `frame` is changed by Kind::frame only, `error_counts` by Kind::error only.
-Kind decode(std::span<const std::byte> bytes, Frame& frame, ErrorCounts& error_counts) LITHE_RT;
+// Parses one packet. `frame` is changed by Kind::frame only.
+Kind decode(std::span<const std::byte> bytes, Frame& frame) LITHE_RT;
 
 }  // namespace lithe::hal::socketcan
