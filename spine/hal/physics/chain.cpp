@@ -59,9 +59,7 @@ void Chain::drive(std::span<const double> wanted_nm) LITHE_RT {
     Joint& joint = joints_[i];
     const PlantParams& is = joint.link.joint;
     const double wanted = i < wanted_nm.size() ? wanted_nm[i] : 0;
-    const double limited_nm = std::clamp(wanted, -is.torque_max_nm, is.torque_max_nm);
-    joint.torque_nm += joint.lag_gain * (limited_nm - joint.torque_nm);
-    if (std::abs(joint.torque_nm) < Plant::kNothing) joint.torque_nm = 0;
+    joint.torque_nm = Plant::lagged_nm(joint.torque_nm, wanted, is.torque_max_nm, joint.lag_gain);
     joint.driving_nm = joint.torque_nm - is.viscous_nm_s_rad * joint.velocity_rad_s;
     if (is.cogging_nm != 0)
       joint.driving_nm -= is.cogging_nm * std::sin(is.cogging_per_rev * joint.position_rad + joint.phase_rad);

@@ -103,8 +103,7 @@ class MujocoPlant final : public Mechanism {
     for (std::size_t i = 0; i < joints_.size(); ++i) {
       Joint& joint = joints_[i];
       const double wanted = i < wanted_nm.size() ? wanted_nm[i] : 0;
-      joint.torque_nm += joint.lag_gain * (std::clamp(wanted, -joint.most_nm, joint.most_nm) - joint.torque_nm);
-      if (std::abs(joint.torque_nm) < Plant::kNothing) joint.torque_nm = 0;
+      joint.torque_nm = Plant::lagged_nm(joint.torque_nm, wanted, joint.most_nm, joint.lag_gain);
     }
     if (part_ == 0) move();
     part_ = (part_ + 1) % parts_;

@@ -55,10 +55,16 @@ class Plant {
  public:
   static constexpr std::int64_t kStepNs = 50'000;
   static constexpr double kStepS = 1e-9 * static_cast<double>(kStepNs);
-  static constexpr double kNothing = 1e-15;  // a torque below it becomes 0: denormal numbers are slow
 
   // The share of the way to the wanted torque that a motor with this lag goes in a step.
   static double lag_gain(double lag_s) { return lag_s > 0 ? 1 - std::exp(-kStepS / lag_s) : 1; }
+
+  // The torque of a motor with that gain, a step after it was `torque_nm`.
+  static double lagged_nm(double torque_nm, double wanted_nm, double most_nm, double lag_gain) LITHE_RT {
+    constexpr double kNothing = 1e-15;  // a torque below it becomes 0: denormal numbers are slow
+    torque_nm += lag_gain * (std::clamp(wanted_nm, -most_nm, most_nm) - torque_nm);
+    return std::abs(torque_nm) < kNothing ? 0 : torque_nm;
+  }
 
   explicit Plant(const PlantParams& params)
       : params_(params),
@@ -72,9 +78,7 @@ class Plant {
   void step(double wanted_nm) LITHE_RT {
     wanted_nm_ = wanted_nm;
     if (coupled_) return;
-    const double limited_nm = std::clamp(wanted_nm, -params_.torque_max_nm, params_.torque_max_nm);
-    torque_nm_ += lag_gain_ * (limited_nm - torque_nm_);
-    if (std::abs(torque_nm_) < kNothing) torque_nm_ = 0;
+    torque_nm_ = lagged_nm(torque_nm_, wanted_nm, params_.torque_max_nm, lag_gain_);
     double load_nm = torque_nm_ - params_.mgl_nm * std::sin(position_rad_);
     if (params_.cogging_nm != 0)
       load_nm -= params_.cogging_nm * std::sin(params_.cogging_per_rev * position_rad_ + phase_rad_);
