@@ -30,11 +30,7 @@ DriverParams params_of(Input& input) {
   if ((how & 4) != 0) params.torque_step_nm = 0.1;
   if ((how & 8) != 0) params.velocity_max_rad_s = 20;
   const auto format = [&](unsigned shift) { return static_cast<Format>(formats >> shift & 3); };
-  params.answer = {format(0), format(2), format(4)};
-  params.command.position = format(1);
-  params.command.torque = format(3);
-  params.command.kp_scale = format(5);
-  params.command.watchdog = format(6);
+  params.frames = {.command = format(2), .answer = format(0)};
   return params;
 }
 
@@ -230,7 +226,7 @@ std::vector<Seed> seeds() {
     all.push_back(script);
     for (const double value : kSharp) {
       Script commands;
-      commands.byte(joint).byte(joint).byte(2 + 4 * joint);
+      commands.byte(joint).byte(0xc + joint).byte(2 + 4 * joint);  // as floats: no format hides what is sent
       for (double JointCommand::* field : kFields) {
         JointCommand command{{0.5, 0.25, 1, 10, 1}, DriveAction::torque, 2};
         command.*field = value;

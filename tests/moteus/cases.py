@@ -233,8 +233,8 @@ class Cases:
     def driven(self) -> dict[str, Any]:
         """A frame of our own driver, as the library would send the same command."""
         turn = 2 * math.pi
-        formats = [self.resolution() for _ in range(7)]
-        answer = [self.resolution() for _ in range(3)] + [self.lot.choice([None, 0, 1, 2, 3]) for _ in range(2)]
+        # Of a command, of an answer, of current and power.
+        formats = [self.resolution(), self.resolution(), *(self.lot.choice([None, 0, 1, 2, 3]) for _ in range(2))]
         settings = self.lot.random() < 0.7  # in the command, else the drive's own
         command = {
             "action": self.lot.choice([0, 1, 1, 1, 2, 3]),
@@ -246,26 +246,27 @@ class Cases:
             "max_torque_nm": self.lot.uniform(0, 3),
         }
         watchdog = self.lot.choice([0.02, 0.1, 0.2])
-        frame = self.same(command, formats, answer, watchdog if settings else None)
+        frame = self.same(command, formats, watchdog if settings else None)
         texts = {key: value if key == "action" else float(value).hex() for key, value in command.items()}
-        params = {"id": 1, "watchdog_s": watchdog.hex(), "command": formats, "answer": answer, "settings": settings}
+        params = {"id": 1, "watchdog_s": watchdog.hex(), "formats": formats, "settings": settings}
         expect = {"hex": frame.data.hex(), "id": 0x8001, "ok": True}
         return {"do": "drive", "params": params, "command": texts, "padded": True, "expect": expect}
 
-    def same(self, c: dict[str, Any], formats: list[int], answer: list[int | None], watchdog: float | None) -> Any:
+    def same(self, c: dict[str, Any], formats: list[int | None], watchdog: float | None) -> Any:
         """The library's frame for a joint that is its motor, and a drive with the factory's gains.
 
         Without a watchdog time all settings are the drive's own.
         """
         turn = 2 * math.pi
         wanted = moteus.QueryResolution()
-        wanted.position, wanted.velocity, wanted.torque = answer[:3]
-        wanted.q_current, wanted.power = (mp.IGNORE if each is None else each for each in answer[3:])
-        wanted.mode = mp.INT16 if answer[0] == mp.INT16 else mp.INT8
+        sent, answer = formats[:2]
+        wanted.position = wanted.velocity = wanted.torque = answer
+        wanted.q_current, wanted.power = (mp.IGNORE if each is None else each for each in formats[2:])
+        wanted.mode = mp.INT16 if answer == mp.INT16 else mp.INT8
         wanted.home_state = mp.INT8
         self.controller.position_resolution = r = moteus.PositionResolution()
-        r.position, r.velocity, r.feedforward_torque, r.kp_scale, r.kd_scale = formats[:5]
-        r.maximum_torque, r.watchdog_timeout = formats[5:]
+        r.position = r.velocity = r.feedforward_torque = r.kp_scale = r.kd_scale = r.maximum_torque = sent
+        r.watchdog_timeout = mp.INT16
         r.velocity_limit = r.accel_limit = r.ilimit_scale = mp.INT8
         gain = 1 / (1 / turn)
         scales = {

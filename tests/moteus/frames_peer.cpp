@@ -9,7 +9,6 @@
 #include <cstdlib>
 #include <iostream>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -94,16 +93,9 @@ Json decode(const Json& request) {
 
 Json drive(const Json& request) {
   const Json& p = request["params"];
-  const auto format = [](const Json& list, std::size_t i) { return static_cast<Format>(list[i].get<int>()); };
-  const Json& c = p["command"];
-  const Json& a = p["answer"];
+  const auto formats = formats_of(p["formats"]);
   moteus::DriverParams params{.id = p["id"], .watchdog_s = number(p["watchdog_s"]), .joint = {}};
-  params.command = {format(c, 0), format(c, 1), format(c, 2), format(c, 3), format(c, 4), format(c, 5), format(c, 6)};
-  const auto choice = [&a](std::size_t i) {
-    return a[i].is_null() ? std::optional<Format>() : static_cast<Format>(a[i].get<int>());
-  };
-  params.answer = {format(a, 0), format(a, 1), format(a, 2), choice(3), choice(4)};
-  params.settings_in_drive = !p["settings"].get<bool>();
+  params.frames = {*formats[0], *formats[1], formats[2], formats[3], !p["settings"].get<bool>()};
   const Json& j = request["command"];
   JointCommand command;
   command.action = static_cast<DriveAction>(j["action"].get<int>());

@@ -88,14 +88,15 @@ double told(double value) LITHE_RT { return possible(value) ? value : DriveRepor
 
 Expected expected_of(const DriverParams& params) {
   Expected expected;
-  expected.settings = params.settings_in_drive;
+  expected.settings = params.frames.settings_in_drive;
   expected.watchdog_s = params.watchdog_s;
   expected.may_hold = params.may_hold_alone;
   // An integer format ends at a scale of 1, the drive's configured gain.
-  const double least = to_motor_gain(params.joint);
-  if (params.command.kp_scale != Format::float32) expected.least_kp_nm_rev = least * params.kp_max_nm_rad;
-  if (params.command.kd_scale != Format::float32)
+  if (params.frames.command != Format::float32) {
+    const double least = to_motor_gain(params.joint);
+    expected.least_kp_nm_rev = least * params.kp_max_nm_rad;
     expected.least_kd_nm_s_rev = least * std::max(params.kd_max_nm_s_rad, params.damp_kd_nm_s_rad);
+  }
   expected.damp_torque_max_nm = params.damp_torque_max_nm;
   if (std::isfinite(params.damp_torque_max_nm)) {
     const int length = std::snprintf(expected.damp_line.data(), expected.damp_line.size(),
@@ -112,7 +113,7 @@ MoteusDrive::MoteusDrive(const DriverParams& params)
 
 bool MoteusDrive::can_say(double position_rad) const LITHE_RT {
   const double position_rev = std::abs(params_.joint.motor_rev(position_rad));
-  return !has_target(position_rad) || position_rev <= largest(Quantity::position_rev, params_.command.position);
+  return !has_target(position_rad) || position_rev <= largest(Quantity::position_rev, params_.frames.command);
 }
 
 MoteusDrive::MotorCommand MoteusDrive::to_motor(const JointCommand& command) const LITHE_RT {
@@ -154,8 +155,8 @@ bool MoteusDrive::encode(const JointCommand& command, std::uint32_t source, Fram
   writer.write(Format::int8, reg::kMode, mode);
   if (action == DriveAction::torque) write_torque(with_damping(command, measured_rad_s), writer);
   if (action == DriveAction::damp && params_.damp_kd_nm_s_rad > 0)
-    writer.write(params_.command.kd_scale, reg::kKdScale, std::array{kd_scale(params_.damp_kd_nm_s_rad)});
-  ask(source, params_.answer, writer, frame);
+    writer.write(params_.frames.command, reg::kKdScale, std::array{kd_scale(params_.damp_kd_nm_s_rad)});
+  ask(source, params_.frames, writer, frame);
   writer.pad();
   return sound && writer.ok();
 }
@@ -164,7 +165,7 @@ bool MoteusDrive::encode(const JointCommand& command, std::uint32_t source, Fram
 void MoteusDrive::encode_setup(std::uint32_t source, Frame& frame) LITHE_RT {
   SubframeWriter writer(frame);
   writer.write(Format::int8, reg::kMode, std::array{static_cast<double>(Mode::stopped)});
-  AnswerFormats without = params_.answer;  // leaves room for the console's answer
+  FrameKeys without = params_.frames;  // leaves room for the console's answer
   without.current.reset();
   without.power.reset();
   ask(source, without, writer, frame);
@@ -173,16 +174,15 @@ void MoteusDrive::encode_setup(std::uint32_t source, Frame& frame) LITHE_RT {
 }
 
 // The address and the query of every frame.
-void MoteusDrive::ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& writer, Frame& frame) const
-    LITHE_RT {
+void MoteusDrive::ask(std::uint32_t source, const FrameKeys& as, SubframeWriter& writer, Frame& frame) const LITHE_RT {
   frame.id = kReplyRequested | (source & 0x7f) << 8 | params_.id;
   frame.extended = true;
   frame.fd = true;
   frame.brs = true;
   // Between current and power there are two unused registers. The mode in the format of what follows it where both fit
   // a subframe: then the frames are shorter by four bytes.
-  const Format mode = as.position == Format::int16 ? Format::int16 : Format::int8;
-  const std::array<SubframeWriter::Choice, 8> motion{mode,       as.position,  as.velocity,  as.torque,
+  const Format mode = as.answer == Format::int16 ? Format::int16 : Format::int8;
+  const std::array<SubframeWriter::Choice, 8> motion{mode,       as.answer,    as.answer,    as.answer,
                                                      as.current, std::nullopt, std::nullopt, as.power};
   writer.read_each(reg::kMode, motion);
   // Four registers to the fault: the home state costs nothing, with it the answer fills its 24 bytes exactly.
@@ -191,16 +191,14 @@ void MoteusDrive::ask(std::uint32_t source, const AnswerFormats& as, SubframeWri
 
 void MoteusDrive::write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT {
   const MotorCommand motor = to_motor(command);
-  const CommandFormats& as = params_.command;
-  const std::array<SubframeWriter::Choice, 6> formats{as.position, as.velocity, as.torque,
-                                                      as.kp_scale, as.kd_scale, as.max_torque};
   const std::array<double, 6> values{motor.position_rev, motor.velocity_rev_s, motor.torque_nm,
                                      motor.kp_scale,     motor.kd_scale,       motor.max_torque_nm};
-  writer.write_each(reg::kCommandPosition, formats, values);
-  if (params_.settings_in_drive) return;
+  writer.write(params_.frames.command, reg::kCommandPosition, values);
+  if (params_.frames.settings_in_drive) return;
   // The drive's own planner would smooth what is already planned here: a negative limit switches its planner off.
   // Fields: watchdog, limits of velocity and acceleration, unused fixed voltage, integral.
-  const std::array<SubframeWriter::Choice, 5> how{as.watchdog, Format::int8, Format::int8, std::nullopt, Format::int8};
+  const std::array<SubframeWriter::Choice, 5> how{Format::int16, Format::int8, Format::int8, std::nullopt,
+                                                  Format::int8};
   const std::array<double, 5> rest{params_.watchdog_s, -1, -1, 0, 0};
   writer.write_each(reg::kWatchdog, how, rest);
 }
@@ -223,9 +221,9 @@ bool MoteusDrive::decode(const Frame& frame, JointSample& sample) const LITHE_RT
                   told(answer[reg::kPower]), told(answer[reg::kTemperature])};
   const double rev = answer[reg::kPosition], rev_s = answer[reg::kVelocity], nm = answer[reg::kTorque];
   // An integer at the end of its range is not a measurement.
-  sample.measured = answer.measured() && std::abs(rev) < largest(Quantity::position_rev, params_.answer.position) &&
-                    std::abs(rev_s) < largest(Quantity::velocity_rev_s, params_.answer.velocity) &&
-                    std::abs(nm) < largest(Quantity::torque_nm, params_.answer.torque);
+  sample.measured = answer.measured() && std::abs(rev) < largest(Quantity::position_rev, params_.frames.answer) &&
+                    std::abs(rev_s) < largest(Quantity::velocity_rev_s, params_.frames.answer) &&
+                    std::abs(nm) < largest(Quantity::torque_nm, params_.frames.answer);
   if (!sample.measured) return true;
   sample.position_rad = params_.joint.position_rad(rev);
   sample.velocity_rad_s = rev_s / params_.joint.rev_per_rad();
@@ -292,13 +290,6 @@ std::size_t answer_size(const Frame& command) {
   return answer.size;
 }
 
-void use_frames(const FrameKeys& frames, DriverParams& params) {
-  const Format all = frames.command;
-  params.command = {all, all, all, all, all, all, params.command.watchdog};
-  params.answer = {frames.answer, frames.answer, frames.answer, frames.current, frames.power};
-  params.settings_in_drive = frames.settings_in_drive;
-}
-
 }  // namespace
 
 std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::JointConfig& joint) {
@@ -315,7 +306,7 @@ std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::
   params.ask_settings = true;
   params.kp_max_nm_rad = joint.kp_max_nm_rad;
   params.kd_max_nm_s_rad = joint.kd_max_nm_s_rad;
-  use_frames(device.keys.moteus.frames, params);
+  params.frames = device.keys.moteus.frames;
   return std::make_unique<MoteusDrive>(params);
 }
 
@@ -323,7 +314,7 @@ PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::Bus
   DriverParams params;
   params.id = device.id;
   params.watchdog_s = device.watchdog_s;
-  use_frames(device.keys.moteus.frames, params);
+  params.frames = device.keys.moteus.frames;
   const MoteusDrive driver(params);
   JointCommand command;
   command.action = DriveAction::torque;  // the longest

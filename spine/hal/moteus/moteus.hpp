@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
-#include <optional>
 #include <string>
 
 #include "spine/core/rt.hpp"
@@ -18,28 +17,6 @@
 #include "spine/robot/config.hpp"
 
 namespace lithe::hal::moteus {
-
-// Format of each number. Fewer bytes make shorter frames and coarser numbers: int16 has positions in steps of 1e-4
-// turns up to 3.27 turns, int8 in steps of 0.01 up to 1.27; torque in steps of 0.01 and 0.5 Nm. These defaults: 48
-// bytes out, 24 back.
-struct CommandFormats {
-  Format position = Format::float32;
-  Format velocity = Format::float32;
-  Format torque = Format::float32;
-  Format kp_scale = Format::float32;  // integers end at 1: the drive's configured gain
-  Format kd_scale = Format::float32;
-  Format max_torque = Format::float32;
-  Format watchdog = Format::int16;
-};
-struct AnswerFormats {
-  Format position = Format::float32;
-  Format velocity = Format::float32;
-  Format torque = Format::float32;
-  // Formats of current and power; none = not queried. Supply voltage and temperature are always queried (no extra
-  // bytes).
-  std::optional<Format> current = std::nullopt;
-  std::optional<Format> power = std::nullopt;
-};
 
 struct DriverParams {
   std::uint32_t id = 1;     // 1 to 126
@@ -60,11 +37,9 @@ struct DriverParams {
   double kd_nm_s_rev = 0.05;
   bool direct = false;        // no gear in the drive or behind it: the rotor's angle is the joint's
   bool ask_settings = false;  // read these three from the drive before it is commanded
-  CommandFormats command{};
-  AnswerFormats answer{};
-  // The drive is configured with this watchdog time, without a planner and without an integral (Setup checks that), and
-  // commands leave them out.
-  bool settings_in_drive = false;
+  // By default 48 bytes out, 24 back. `settings_in_drive`: the drive is configured with this watchdog time, without a
+  // planner and without an integral (Setup checks that), and commands leave them out.
+  FrameKeys frames{};
   // The largest gains that will be commanded, at the joint: an integer format must be able to represent them.
   double kp_max_nm_rad = 0;
   double kd_max_nm_s_rad = 0;
@@ -116,7 +91,7 @@ class MoteusDrive final : public Drive {
   double kd_scale(double kd_nm_s_rad) const LITHE_RT;
   JointCommand with_damping(const JointCommand& command, double measured_rad_s) const LITHE_RT;
   void write_torque(const JointCommand& command, SubframeWriter& writer) const LITHE_RT;
-  void ask(std::uint32_t source, const AnswerFormats& as, SubframeWriter& writer, Frame& frame) const LITHE_RT;
+  void ask(std::uint32_t source, const FrameKeys& as, SubframeWriter& writer, Frame& frame) const LITHE_RT;
   bool can_say(double position_rad) const LITHE_RT;
   void encode_setup(std::uint32_t source, Frame& frame) LITHE_RT;
   bool ready() const LITHE_RT { return !params_.ask_settings || setup_.ready(); }

@@ -9,6 +9,7 @@
 #include <limits>
 #include <map>
 #include <random>
+#include <tuple>
 
 #include "spine/hal/moteus/moteus_codec.hpp"
 #include "spine/wire/wire.hpp"
@@ -230,29 +231,30 @@ TEST(MoteusDriver, RandomBytesNeverPutAnImpossibleValueIntoASample) {
 }
 
 TEST(MoteusDriver, FormatsMakeFramesShorter) {
-  DriverParams params{.id = 1, .joint = {}};
-  params.command = {Format::int16, Format::int16, Format::int16, Format::int8,
-                    Format::int8,  Format::int8,  Format::int8};
-  params.answer = {Format::int16, Format::int16, Format::int16};
-  const MoteusDrive driver(params);
-  JointCommand command = torque_command(0.125);
+  JointCommand command = torque_command(0.625);
   command.target_rad = 0.5 * kTurn;
   command.target_rad_s = -kTurn;
   command.kp_nm_rad = 2 / kTurn;
-  Frame frame;
-  EXPECT_TRUE(driver.encode(command, 0, frame));
-  EXPECT_EQ(frame.size, 32);
-  const auto r = written(frame);
-  EXPECT_NEAR(r.at(reg::kCommandPosition), 0.5, 1e-4);
-  EXPECT_NEAR(r.at(reg::kCommandVelocity), -1, 3e-4);
-  EXPECT_NEAR(r.at(reg::kCommandTorque), 0.12, 1e-9);
-  EXPECT_NEAR(r.at(reg::kKpScale), 0.5, 1.0 / 127);
-  EXPECT_NEAR(r.at(reg::kWatchdog), 0.1, 1e-9);
+  for (const auto& [format, in_drive, size] :
+       {std::tuple{Format::int8, false, 32}, std::tuple{Format::int8, true, 20}, std::tuple{Format::int16, true, 24}}) {
+    DriverParams params{.id = 1, .joint = {}};
+    params.frames = {.command = format, .answer = format, .settings_in_drive = in_drive};
+    Frame frame;
+    EXPECT_TRUE(MoteusDrive(params).encode(command, 0, frame));
+    EXPECT_EQ(frame.size, size);
+    const auto r = written(frame);
+    EXPECT_NEAR(r.at(reg::kCommandPosition), 0.5, 1e-4);
+    EXPECT_NEAR(r.at(reg::kCommandVelocity), -1, 3e-4);
+    EXPECT_NEAR(r.at(reg::kCommandTorque), format == Format::int8 ? 0.5 : 0.62, 1e-9);
+    EXPECT_NEAR(r.at(reg::kKpScale), 0.5, 1.0 / 127);
+    EXPECT_EQ(r.contains(reg::kWatchdog), !in_drive);
+    if (!in_drive) EXPECT_NEAR(r.at(reg::kWatchdog), 0.1, 1e-9);
+  }
 }
 
 TEST(MoteusDriver, APositionItsFormatCannotSayIsNotSent) {
   DriverParams params{.id = 1, .joint = {}};
-  params.command.position = Format::int16;
+  params.frames.command = Format::int16;
   const MoteusDrive driver(params);
   JointCommand command = torque_command(0.1);
   Frame frame;
@@ -265,7 +267,7 @@ TEST(MoteusDriver, APositionItsFormatCannotSayIsNotSent) {
 
 TEST(MoteusDriver, AnIntegerAtItsEndIsNoMeasurement) {
   DriverParams params{.id = 1, .joint = {}};
-  params.answer.position = Format::int16;
+  params.frames.answer = Format::int16;
   const MoteusDrive driver(params);
   for (const double rev : {3.0, 4.0}) {
     Frame frame;

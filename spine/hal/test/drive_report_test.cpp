@@ -52,8 +52,8 @@ TEST(MoteusReport, CurrentAndPowerAreAskedForWhereTheFormatSaysSo) {
   for (const double sign : {1.0, -1.0}) {
     moteus::DriverParams driver = MoteusLine::asking();
     driver.joint.sign = sign;
-    driver.answer.current = moteus::Format::int16;
-    driver.answer.power = moteus::Format::float32;
+    driver.frames.current = moteus::Format::int16;
+    driver.frames.power = moteus::Format::float32;
     sim::SimMoteusParams params;
     params.joint.sign = sign;
     MoteusLine line(driver, params);

@@ -57,9 +57,11 @@ constexpr double largest(Quantity quantity, Format format) LITHE_RT {
   return kCounts[static_cast<std::size_t>(format)] * count_worth(quantity, format);
 }
 
-// [device.frames]: formats of the numbers in its frames. Fewer bytes make shorter frames and coarser numbers.
+// [device.frames]: formats of the numbers in its frames. Fewer bytes make shorter frames and coarser numbers: int16 has
+// positions in steps of 1e-4 turns up to 3.27 turns, int8 in steps of 0.01 up to 1.27; torque in steps of 0.01 and 0.5
+// Nm. Supply voltage and temperature are always asked for (no extra bytes).
 struct FrameKeys {
-  Format command = Format::float32;  // all numbers of a command but its settings
+  Format command = Format::float32;  // all numbers of a command but its settings; integer gain scales end at 1
   Format answer = Format::float32;   // position, velocity, torque
   std::optional<Format> current{};   // none: it is not asked for
   std::optional<Format> power{};

@@ -127,12 +127,14 @@ TEST(MoteusDriver, ARotorEncoderKnowsTheTurnOfADirectDriveOnly) {
 }
 
 TEST(MoteusDriver, WhateverTheFormatsTheWorstFrameFits) {
-  std::array<Format, 10> formats{};
-  for (std::uint32_t choice = 0; choice < 1U << 20; ++choice) {
-    for (std::size_t i = 0; i < formats.size(); ++i) formats[i] = static_cast<Format>(choice >> (2 * i) & 3);
+  for (std::uint32_t choice = 0; choice < 1U << 11; ++choice) {
+    const auto format = [choice](std::uint32_t bit) { return static_cast<Format>(choice >> bit & 3); };
+    const auto or_none = [&](std::uint32_t bit) {
+      return (choice >> bit & 1) != 0 ? std::optional(format(bit + 1)) : std::nullopt;
+    };
     DriverParams params = damped();
-    params.command = {formats[0], formats[1], formats[2], formats[3], formats[4], formats[5], formats[6]};
-    params.answer = {formats[7], formats[8], formats[9]};
+    params.frames = {.command = format(0), .answer = format(2), .current = or_none(4), .power = or_none(7)};
+    params.frames.settings_in_drive = (choice >> 10 & 1) != 0;
     const MoteusDrive driver(params);
     Frame frame;
     JointCommand command = torque_command(0.1);
@@ -170,16 +172,17 @@ TEST(MoteusDriver, AFiniteNumberThatIsNoFloatNeverLeaves) {
 }
 
 TEST(MoteusDriver, AnIntegerAtItsEndIsNoSpeedAndNoTorque) {
-  DriverParams params{.id = 1, .joint = {}};
-  params.answer = {Format::int16, Format::int16, Format::int8};
-  for (const auto& [velocity, torque, measured] :
-       {std::tuple{8.0, 60.0, true}, std::tuple{12.0, 1.0, false}, std::tuple{1.0, 90.0, false}}) {
+  for (const auto& [format, velocity, torque, measured] :
+       {std::tuple{Format::int16, 8.0, 300.0, true}, std::tuple{Format::int16, 12.0, 1.0, false},
+        std::tuple{Format::int16, 1.0, 400.0, false}, std::tuple{Format::int8, 12.0, 60.0, true},
+        std::tuple{Format::int8, 1.0, 90.0, false}}) {
+    DriverParams params{.id = 1, .joint = {}};
+    params.frames.answer = format;
     Frame frame;
     frame.id = 0x100;
     SubframeWriter writer(frame);
     writer.reply(Format::int8, reg::kMode, std::array{10.0}, false);
-    writer.reply(Format::int16, reg::kPosition, std::array{0.1, velocity}, false);
-    writer.reply(Format::int8, reg::kTorque, std::array{torque}, false);
+    writer.reply(format, reg::kPosition, std::array{0.1, velocity, torque}, false);
     writer.reply(Format::int8, reg::kFault, std::array{0.0}, false);
     JointSample sample;
     EXPECT_TRUE(MoteusDrive(params).decode(frame, sample));

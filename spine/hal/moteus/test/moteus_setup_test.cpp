@@ -57,7 +57,7 @@ TEST(MoteusSetup, TheDrivesOwnGainsAreScaledAndNotTheFactorys) {
 TEST(MoteusSetup, SettingsThatCommandsLeaveOutAreAskedForAndJudged) {
   const auto line_of = [](const sim::ServoParams& servo) {
     moteus::DriverParams driver = MoteusLine::asking();
-    driver.settings_in_drive = true;
+    driver.frames.settings_in_drive = true;
     driver.watchdog_s = 0.2;
     sim::SimMoteusParams params;
     params.servo = servo;
@@ -105,7 +105,7 @@ TEST(MoteusSetup, SettingsThatCommandsLeaveOutAreAskedForAndJudged) {
 TEST(MoteusSetup, WholeNumbersNeedADriveWhoseOwnGainsAreLargeEnough) {
   for (const double kd_nm_s_rev : {0.05, 1.0}) {
     moteus::DriverParams driver = MoteusLine::asking();
-    driver.command.kd_scale = moteus::Format::int16;
+    driver.frames.command = moteus::Format::int16;
     driver.damp_kd_nm_s_rad = 0.1;  // 0.63 Nm s per turn
     sim::SimMoteusParams params;
     params.servo.kd_nm_s_rev = kd_nm_s_rev;
