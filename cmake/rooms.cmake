@@ -37,8 +37,8 @@ function(lithe_light target)
   lithe_trust_string(${target})
 endfunction()
 
-# Tests are compiled without optimisation, in half the time. Not those whose own code races with other threads, or takes
-# millions of steps: their labels are these.
+# Tests are compiled without optimisation, in half the time. Those whose own code races with other threads, or takes
+# millions of steps, are optimised as little as the rooms above: their labels are these.
 set(LITHE_OPTIMISED_TESTS "^(tick.)?(ipc|law|contain|plan|limits|faults)$")
 if(NOT CMAKE_DISABLE_PRECOMPILE_HEADERS)
   find_package(fmt REQUIRED)
@@ -51,7 +51,7 @@ if(NOT CMAKE_DISABLE_PRECOMPILE_HEADERS)
   if(LITHE_TESTS)
     lithe_headers(lithe_test_headers LINKS GTest::gtest OPTIONS -O0 HEADERS ${test_headers})
     lithe_headers(lithe_test_json_headers LINKS GTest::gtest OPTIONS -O0 HEADERS ${test_headers} <nlohmann/json.hpp>)
-    lithe_headers(lithe_optimised_test_headers LINKS GTest::gtest HEADERS ${test_headers})
+    lithe_headers(lithe_optimised_test_headers LINKS GTest::gtest OPTIONS ${LITHE_LIGHT} HEADERS ${test_headers})
   endif()
 endif()
 
@@ -163,6 +163,7 @@ function(lithe_test name)
   set(headers lithe_test_headers)
   if(TEST_LABEL MATCHES "${LITHE_OPTIMISED_TESTS}")
     set(headers lithe_optimised_test_headers)
+    target_compile_options(${name} PRIVATE ${LITHE_LIGHT})
   else()
     target_compile_options(${name} PRIVATE -O0)
     if(TEST_JSON)

@@ -147,13 +147,10 @@ Laws::Back Laws::step_back() LITHE_RT {
     report_.params_changed = true;
     return Back::params;
   }
-  probation_.end();
   law::FieldBits mended = 0;
-  if (!slot_.rollback(law::Carry::none, 1, &mended)) {
-    if (slot_.active()->unproven) probation_.again();
-    return Back::nowhere;
-  }
-  if (slot_.active()->unproven) probation_.start(slot_.active()->terms);
+  const bool back = slot_.rollback(law::Carry::none, 1, &mended);
+  probation_.start_again(*slot_.active(), in_);  // without another law, the same one runs after a reset
+  if (!back) return Back::nowhere;
   report_.flags |= flag::kRolledBack;
   begin_law(0);
   report_.params_changed = true;

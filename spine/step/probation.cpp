@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace lithe::step {
 namespace {
@@ -12,6 +13,7 @@ using wire::LawFaultKind;
 constexpr double kErrorMemoryS = 1.0;
 constexpr double kGuardMemoryS = 0.2;  // a setpoint step may saturate a good law for 0.1 s
 constexpr double kBusy = 0.8, kCalm = 0.4;
+constexpr auto kCatchUpNs = static_cast<std::int64_t>(1e9 * Probation::kCatchUpS);
 
 double error_rad(const Tick& in, std::uint32_t j) LITHE_RT {
   return std::abs(in.setpoint_position_rad[j] - in.position_rad[j]);
@@ -39,12 +41,30 @@ void Probation::configure(const robot::RobotConfig& robot) {
     tremor_.configure(robot.rate_hz, j, {robot.joints[j].torque_max_nm, robot.joints[j].velocity_max_rad_s});
 }
 
-void Probation::start(const law::Terms& terms) LITHE_RT {
-  terms_ = terms;
-  params_ = {};
-  law_.start(terms.probation_ticks);
-  error_ratio_ = terms.probation_error_ratio;
-  compare_from_here();
+void Probation::start(const law::Resident& law) LITHE_RT {
+  terms_ = law.terms;
+  law_ = params_ = {};
+  const bool stood = std::exchange(measure_stands_, law.unproven);
+  if (!law.unproven) return;
+  law_.start(terms_.probation_ticks);
+  if (!stood) {
+    compare_from_here();
+  } else {
+    if (!(error_ratio_ > 0)) compare_errors_from_here();  // they were not judged: the robot may be far off
+    long_steps_ = 0;
+    clamped_share_.fill(0.0);
+    tremor_.again();
+  }
+  error_ratio_ = terms_.probation_error_ratio;
+}
+
+void Probation::start_again(const law::Resident& law, const Tick& in) LITHE_RT {
+  start(law);
+  found_until_ns_ = in.t_ns + kCatchUpNs;
+  for (std::uint32_t j = 0; j < in.joints; ++j) {
+    const double drift_rad_s = std::abs(in.velocity_rad_s[j] - in.setpoint_velocity_rad_s[j]);
+    found_rad_[j] = error_rad(in, j) + 0.5 * drift_rad_s * kCatchUpS;
+  }
 }
 
 void Probation::start_params(std::uint64_t request_id) LITHE_RT {
@@ -58,27 +78,17 @@ void Probation::start_params(std::uint64_t request_id) LITHE_RT {
   compare_from_here();
 }
 
-void Probation::end_params() LITHE_RT {
-  params_ = {};
-  if (law_.left > 0) law_.start(law_.ticks);
-  compare_from_here();
-}
-
-void Probation::again() LITHE_RT {
-  params_ = {};
-  law_.start(terms_.probation_ticks);
-  long_steps_ = 0;
-  clamped_share_.fill(0.0);
-  tremor_.again();
-}
-
 void Probation::compare_from_here() LITHE_RT {
   long_steps_ = 0;
-  const bool found_it_so = last_ns_ < catching_up_ns_;
-  for (std::size_t j = 0; j < kMaxJoints; ++j)
-    error_before_rad_[j] = found_it_so ? std::max(most_error_rad_[j], found_rad_[j]) : most_error_rad_[j];
+  compare_errors_from_here();
   clamped_before_ = clamped_share_;
   tremor_.start();
+}
+
+void Probation::compare_errors_from_here() LITHE_RT {
+  const bool found_it_so = last_ns_ < catching_up_ns_;
+  for (std::size_t j = 0; j < kMaxJoints; ++j)
+    error_before_rad_[j] = found_it_so ? std::max(most_error_rad_[j], paused_rad_[j]) : most_error_rad_[j];
 }
 
 Probation::News Probation::watch(const Observed& tick) LITHE_RT {
@@ -90,6 +100,7 @@ Probation::News Probation::watch(const Observed& tick) LITHE_RT {
   const bool moves = in_motion(tick.in) && !catching_up(tick.in), law_was = law_.unproven(),
              params_were = params_.unproven();
   news.law_confirmed = law_.count(moves);
+  measure_stands_ = measure_stands_ && !news.law_confirmed;
   news.params_confirmed = params_.count(moves);
   news.law_unproven = law_.unproven() && !law_was;
   news.params_unproven = params_.unproven() && !params_were;
@@ -112,7 +123,8 @@ LawFaultKind Probation::find_fault(const Observed& tick, Evidence& evidence) con
 bool Probation::tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT {
   if (!(error_ratio_ > 0) || catching_up(in)) return false;
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    const double allowed_rad = error_ratio_ * std::max(error_before_rad_[j], kLeastErrorRad);
+    const double found_rad = in.t_ns < found_until_ns_ ? found_rad_[j] : 0.0;
+    const double allowed_rad = std::max(error_ratio_ * std::max(error_before_rad_[j], kLeastErrorRad), found_rad);
     evidence = {.joint = j, .value = error_rad(in, j), .allowed = allowed_rad};
     if (evidence.value > allowed_rad) return true;
   }
@@ -128,9 +140,8 @@ bool Probation::guard_is_busy(const Observed& tick, Evidence& evidence) const LI
 }
 
 void Probation::remember(const Observed& tick) LITHE_RT {
-  constexpr auto kCatchUpNs = static_cast<std::int64_t>(1e9 * kCatchUpS);
   if (last_ns_ > 0 && tick.in.t_ns - last_ns_ >= pause_ns_) {
-    if (!catching_up(tick.in)) found_rad_.fill(0.0);
+    if (!catching_up(tick.in)) paused_rad_.fill(0.0);
     catching_up_ns_ = tick.in.t_ns + kCatchUpNs;
   }
   last_ns_ = tick.in.t_ns;
@@ -138,7 +149,7 @@ void Probation::remember(const Observed& tick) LITHE_RT {
   for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
     const double off_rad = error_rad(tick.in, j);
     if (counts) most_error_rad_[j] = std::max(off_rad, most_error_rad_[j] * forget_error_);
-    if (!counts) found_rad_[j] = std::max(found_rad_[j], off_rad);
+    if (!counts) paused_rad_[j] = std::max(paused_rad_[j], off_rad);
     const double clamped = tick.clamped[j] != 0 ? 1.0 : 0.0;
     clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
     tick.stopped[j] ? tremor_.skip(j) : tremor_.see(tick.in, j, tick.torque_nm[j]);

@@ -27,7 +27,6 @@ namespace lithe::step {
 // When the machine stopped the tick for kPauseS (at least 3.5 periods), the setpoint went on without the law: for
 // kCatchUpS no tracking error is judged or remembered, and no tick counts. The guard's limits hold all the time. For a
 // law committed in these kCatchUpS, the errors since the pause also count as errors before its commit.
-// A law and its parameters can be on probation at the same time; then the newer parameters are reverted first.
 // Parameters of an unconfirmed law get no probation of their own: they are judged with the law.
 // Contract: RT · owned by the tick thread · bounded work per joint
 class Probation {
@@ -45,19 +44,19 @@ class Probation {
 
   void configure(const robot::RobotConfig& robot);
 
-  // To be called when a law was committed. It is compared with the time before.
-  void start(const law::Terms& terms) LITHE_RT;
+  // `law` runs from now on, and is on probation if it is unproven. It is compared with the time before it; if the law
+  // before it was unproven, too, with the time before that one: bad laws in a row do not widen the measure.
+  void start(const law::Resident& law) LITHE_RT;
+  // Likewise, of a law that ran before. It may find a joint far off and moving away, through the law after it: for
+  // kCatchUpS, the error may grow to what even braking in that time leaves, also under a law that comes meanwhile.
+  void start_again(const law::Resident& law, const Tick& in) LITHE_RT;
   // To be called when this command has set parameters of the active law. The new values are compared in the same way,
   // for probation_s of the robot file. If the law itself is on probation, its probation starts again, and law and
   // values are judged together.
   void start_params(std::uint64_t request_id) LITHE_RT;
   std::uint64_t params_request_id() const LITHE_RT { return params_request_id_; }
-  // The law was to be replaced, and no other is there: after a reset it runs again, and is judged by the same measure.
-  void again() LITHE_RT;
-  // Another law runs.
-  void end() LITHE_RT { law_ = params_ = {}; }
-  // The previous parameters are in force again. The probation of a law starts again.
-  void end_params() LITHE_RT;
+  // The previous parameters are in force again.
+  void end_params() LITHE_RT { params_ = {}; }
 
   bool on() const LITHE_RT { return law_.left > 0 || params_.left > 0; }
   bool of_law() const LITHE_RT { return law_.left > 0; }
@@ -110,6 +109,7 @@ class Probation {
 
   bool catching_up(const Tick& in) const LITHE_RT { return in.t_ns < catching_up_ns_; }
   void compare_from_here() LITHE_RT;
+  void compare_errors_from_here() LITHE_RT;
   wire::LawFaultKind find_fault(const Observed& tick, Evidence& evidence) const LITHE_RT;
   bool tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT;
   bool guard_is_busy(const Observed& tick, Evidence& evidence) const LITHE_RT;
@@ -123,16 +123,19 @@ class Probation {
   std::int64_t pause_ns_ = 0;        // between two ticks
   std::int64_t last_ns_ = 0;         // of the tick before
   std::int64_t catching_up_ns_ = 0;  // until then
-  JointArray found_rad_{};           // the largest errors in it so far
+  JointArray paused_rad_{};          // the largest errors in it so far
   JointArray clamped_share_{};       // of recent ticks in which the guard clamped the joint
   law::Tremor tremor_;
 
   law::Terms terms_;
   Term law_, params_;
   std::uint64_t params_request_id_ = 0;  // of the command whose parameters are on probation
+  bool measure_stands_ = false;          // the time before the first of the unproven laws that came one after the other
   double error_ratio_ = 0;
   std::uint32_t long_steps_ = 0;
   JointArray error_before_rad_{};
+  std::int64_t found_until_ns_ = 0;  // until then the errors may be these
+  JointArray found_rad_{};
   JointArray clamped_before_{};
 };
 

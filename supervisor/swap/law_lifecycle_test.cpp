@@ -232,6 +232,18 @@ TEST_F(LawLifecycleTest, WhatEndedAProbationIsToldWithWhatToDo) {
   EXPECT_NE(kept_[101]["rolled_back"]["next"].get<std::string>().find("shorter"), std::string::npos);
 }
 
+TEST_F(LawLifecycleTest, ALawThatRunsAgainAfterItsStopIsJudgedAgain) {
+  commit(1);
+  write_fault(1, 0, wire::LawFaultKind::overran, 35);
+  tell(EventKind::law_faulted, 101, static_cast<std::uint32_t>(wire::LawFaultKind::overran), 35);
+  ASSERT_EQ(verdict(1), "rolled_back");
+  tell(EventKind::law_unproven, 101, 1, 99);
+  EXPECT_EQ(verdict(1), "unproven");
+  tell(EventKind::law_confirmed, 101, 1, 999);
+  EXPECT_EQ(verdict(1), "confirmed");
+  EXPECT_FALSE(kept_[101]["rolled_back"]["why"].empty()) << "what happened before stays there";
+}
+
 TEST_F(LawLifecycleTest, TwoFaultsInOneTickAreBothNamedBeforeEitherEventIsRead) {
   commit(1);
   commit(2);

@@ -45,6 +45,7 @@ def test_long_steps_run_only_when_all_are_asked_for_or_by_name() -> None:
     every_merge = check.chosen([], everything=False)
     assert not any(step.long for step in every_merge)
     assert [step.name for step in check.STEPS if step not in every_merge] == [
+        "rtsan-all",
         "asan-all",
         "mutants",
         "fuzz-long",

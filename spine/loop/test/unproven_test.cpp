@@ -88,6 +88,76 @@ TEST_F(LawsTest, AnUnprovenLawThatRunsAgainIsOnProbationAgain) {
   EXPECT_NE(record_.flags & flag::kOnProbation, 0u) << "asked for, too";
 }
 
+// Holds the joint beside the setpoint.
+template <int kNumber>
+struct Beside {
+  static inline double off_rad = 0;
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    u.torque_nm[0] = 4 * (t.setpoint_position_rad[0] + off_rad - t.position_rad[0]) - 0.1 * t.velocity_rad_s[0];
+  }
+};
+constexpr LitheLaw kFirst = describe<Beside<1>>("first"), kSecond = describe<Beside<2>>("second");
+constexpr double kAllowedRad = 3 * step::Probation::kLeastErrorRad;  // of the laws here
+
+class UnprovenInARow : public LawsTest {
+ protected:
+  UnprovenInARow() {
+    arm_with(kPd);
+    ticks(1500);
+    terms_.probation_ticks = 1000, terms_.probation_error_ratio = 3;
+    Beside<1>::off_rad = 0.7 * kAllowedRad, Beside<2>::off_rad = 0;
+    stage(kFirst);
+    ticks(600);
+    EXPECT_EQ(slot_.active()->law_id, 2u);
+  }
+  // The law that runs after so many ticks.
+  std::uint32_t law_after(int most) {
+    ticks(most);
+    return slot_.active()->law_id;
+  }
+};
+
+TEST_F(UnprovenInARow, TheyAreAllComparedWithTheTimeBeforeTheFirst) {
+  Beside<2>::off_rad = 2 * 0.7 * kAllowedRad;
+  stage(kSecond);
+  EXPECT_EQ(law_after(300), 2u) << "three times as far off as the first would be nine times as far as before";
+  EXPECT_EQ(mode(), Mode::active);
+}
+
+TEST_F(UnprovenInARow, ButAfterOneWhoseErrorIsNotJudgedWithItsTime) {
+  terms_.probation_error_ratio = 0;
+  Beside<2>::off_rad = 2 * kAllowedRad;
+  stage(kSecond);
+  ASSERT_EQ(law_after(600), 3u);
+  terms_.probation_error_ratio = 3;
+  stage(kPd);
+  EXPECT_EQ(law_after(600), 4u) << "it starts as far off as that one left it";
+}
+
+TEST_F(UnprovenInARow, TheFirstKeepsItsMeasureThroughTheSecond) {
+  stage(kPush);
+  for (int i = 0; i < 1000 && (i < 2 || slot_.active()->law_id == 3); ++i) tick();
+  ASSERT_EQ(law_after(600), 2u) << "it may bring the joint back first";
+  Beside<1>::off_rad = 1.5 * kAllowedRad;
+  EXPECT_EQ(law_after(300), 1u) << "the errors of the second allow it nothing";
+}
+
+TEST_F(UnprovenInARow, AfterOneThatWasConfirmedItIsComparedWithThat) {
+  Beside<2>::off_rad = 0.8 * kAllowedRad;
+  stage(kSecond);
+  ticks(2);
+  publish(2.0, 3000);
+  live(1500);
+  ASSERT_FALSE(events(EventKind::law_confirmed).empty());
+  live(2500);
+  ASSERT_EQ(slot_.active()->law_id, 3u);
+  ASSERT_EQ(send(CommandKind::rollback), CommandResult::done);
+  Beside<1>::off_rad = 1.5 * kAllowedRad;
+  EXPECT_EQ(law_after(600), 2u) << "no worse than the law that was confirmed";
+}
+
 struct PushesLater {
   static inline bool now = false;
   struct Params {};
@@ -145,6 +215,34 @@ TEST_F(LawsTest, ValuesOnProbationLeaveWithTheirLaw) {
   ticks(2);
   ASSERT_EQ(slot_.active()->law_id, 1u);
   EXPECT_EQ(slot_.active()->params[0].value, 0);
+}
+
+struct SlowAndTuned {  // 50 us
+  struct Params {
+    Param kd_nm_s_rad{0.1, 0, 1};
+  };
+  struct State {};
+  static void step(const Tick& t, const Params& p, State&, Effort& u) {
+    const std::int64_t end_ns = monotonic_ns() + 50'000;
+    while (monotonic_ns() < end_ns) {
+    }
+    u.torque_nm[0] = 4 * (t.setpoint_position_rad[0] - t.position_rad[0]) - p.kd_nm_s_rad * t.velocity_rad_s[0];
+  }
+};
+constexpr LitheLaw kSlowAndTuned = describe<SlowAndTuned>("slow_and_tuned");
+
+TEST_F(LawsTest, ValuesAreJudgedByTheTimeBudgetOfTheirOwnLaw) {
+  arm_with(kSlowAndTuned);
+  terms_.budget_ns = 10'000;
+  terms_.probation_ticks = 1000;
+  stage(kPd);
+  ticks(3);
+  ASSERT_EQ(send(CommandKind::rollback), CommandResult::done);
+  ticks(3);
+  ASSERT_EQ(slot_.active()->law_id, 1u);
+  ASSERT_EQ(set(0, 0.2), CommandResult::done);
+  ticks(50);
+  EXPECT_EQ(slot_.active()->params[0].value, 0.2) << "not by that of the law that has left";
 }
 
 TEST_F(LawsTest, ValuesSetLateInALawsProbationAreJudgedAsLong) {

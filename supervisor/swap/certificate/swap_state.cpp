@@ -25,8 +25,10 @@ bool may_follow(Stage from, Stage to) {
       return from == Stage::staged || from == Stage::shadow;
     case Stage::measured:
       return from == Stage::shadow;
-    case Stage::confirmed:
-      return from == Stage::committed || from == Stage::unproven;
+    case Stage::unproven:
+      return from == Stage::committed || from == Stage::rolled_back;
+    case Stage::confirmed:  // also after a stop without a law to go back to: it runs again after the reset
+      return from == Stage::committed || from == Stage::unproven || from == Stage::rolled_back;
     case Stage::rolled_back:
       return from >= Stage::committed && from <= Stage::confirmed;
     case Stage::retired:
@@ -230,8 +232,18 @@ std::int64_t SwapState::time_of(Stage stage) const {
 
 const char* SwapState::verdict() const {
   if (refusal_) return outcome_is_known() ? "refused" : "not_confirmed";
-  for (const Stage each : {Stage::measured, Stage::rolled_back, Stage::confirmed, Stage::unproven, Stage::committed})
-    if (reached(each)) return to_string(each);
+  for (auto step = steps_.rbegin(); step != steps_.rend(); ++step) {
+    switch (step->stage) {
+      case Stage::measured:
+      case Stage::rolled_back:
+      case Stage::confirmed:
+      case Stage::unproven:
+      case Stage::committed:
+        return to_string(step->stage);
+      default:  // on its way, or gone
+        break;
+    }
+  }
   return to_string(Stage::submitted);
 }
 

@@ -107,13 +107,17 @@ TEST(SwapTerms, PromoteIsTrueOrFalseAndFalseSaysForHowLong) {
 
 TEST(SwapState, EveryStageFollowsOnlyWhatItMay) {
   const std::pair<Stage, Stage> allowed[] = {
-      {Stage::submitted, Stage::compiled},  {Stage::compiled, Stage::admitted},     {Stage::admitted, Stage::placed},
-      {Stage::placed, Stage::tried},        {Stage::tried, Stage::staged},          {Stage::staged, Stage::shadow},
-      {Stage::staged, Stage::committed},    {Stage::shadow, Stage::committed},      {Stage::shadow, Stage::measured},
-      {Stage::committed, Stage::confirmed}, {Stage::committed, Stage::rolled_back}, {Stage::committed, Stage::unproven},
-      {Stage::unproven, Stage::confirmed},  {Stage::unproven, Stage::rolled_back},  {Stage::unproven, Stage::retired},
-      {Stage::committed, Stage::retired},   {Stage::confirmed, Stage::rolled_back}, {Stage::confirmed, Stage::retired},
-      {Stage::rolled_back, Stage::retired}};
+      {Stage::submitted, Stage::compiled},    {Stage::compiled, Stage::admitted},
+      {Stage::admitted, Stage::placed},       {Stage::placed, Stage::tried},
+      {Stage::tried, Stage::staged},          {Stage::staged, Stage::shadow},
+      {Stage::staged, Stage::committed},      {Stage::shadow, Stage::committed},
+      {Stage::shadow, Stage::measured},       {Stage::committed, Stage::confirmed},
+      {Stage::committed, Stage::rolled_back}, {Stage::committed, Stage::unproven},
+      {Stage::unproven, Stage::confirmed},    {Stage::unproven, Stage::rolled_back},
+      {Stage::unproven, Stage::retired},      {Stage::committed, Stage::retired},
+      {Stage::confirmed, Stage::rolled_back}, {Stage::confirmed, Stage::retired},
+      {Stage::rolled_back, Stage::retired},   {Stage::rolled_back, Stage::unproven},
+      {Stage::rolled_back, Stage::confirmed}};
   for (const Stage from : kWay) {
     for (const Stage to : kAll) {
       SwapState swap = at(from);
