@@ -54,5 +54,11 @@ def test_without_a_robot_it_says_so_at_once_and_what_next(example: Path, tmp_pat
     assert done.stderr == said
 
 
+def test_a_number_of_candidates_that_is_none_is_told(tmp_path: Path) -> None:
+    for word in ("many", "0", "-3"):
+        done = run(EXAMPLES[5], os.environ | {"LITHE_RUN_DIR": str(tmp_path)}, word)
+        assert done.returncode == 1 and done.stderr.endswith(f", not {word}\n  next: main.py 640\n")
+
+
 def test_there_are_six() -> None:
     assert [path.name[:2] for path in EXAMPLES] == ["01", "02", "03", "04", "05", "06"]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learns a network on the simulated arm, by CMA-ES. Needs gymnasium and cma."""
 
+import time
 import warnings
 from pathlib import Path
 
@@ -38,12 +39,16 @@ def cost(network: Network, envs: list[SpineEnv]) -> float:
 
 
 def learn(candidates: int) -> tuple[Network, Floats]:
-    """The best of so many networks, and the torque limits of the joints."""
+    """The best of so many networks, and the torque limits of the joints. Prints how far it is."""
     envs = [SpineEnv(ARM, rough=seed % 2 == 0) for seed in SEEDS]
     search = cma.CMAEvolutionStrategy(np.zeros(Network.SIZE), 0.3, {"seed": 1, "popsize": BATCH, "verbose": -9})
     while search.countevals < candidates:
+        from_s = time.monotonic()
         weights = search.ask()
         search.tell(weights, [cost(Network(each), envs) for each in weights])
+        left_s = (time.monotonic() - from_s) / BATCH * max(0, candidates - search.countevals)
+        if search.countevals % (4 * BATCH) == 0 or search.countevals >= candidates:
+            print(f"{search.countevals} of {candidates}: cost {search.best.f:.4f}, {left_s:.0f} s to go", flush=True)
     limits = envs[0].torque_max_nm
     for env in envs:
         env.close()

@@ -13,7 +13,10 @@ import lithe  # before numpy: it limits numpy to one thread, so that none runs o
 import numpy as np
 from network import Floats
 
-CANDIDATES = int(sys.argv[1]) if len(sys.argv) > 1 else 640
+WORDS = sys.argv[1:] or ["640"]
+if len(WORDS) > 1 or not WORDS[0].isdecimal() or int(WORDS[0]) == 0:
+    sys.exit(f"CANDIDATES is how many networks are tried, not {' '.join(WORDS)}\n  next: main.py 640")
+CANDIDATES = int(WORDS[0])
 
 
 def measure(robot: lithe.Robot) -> tuple[float, Floats]:
@@ -30,6 +33,10 @@ try:
     from learn import FIELDS, learn
 
     with lithe.connect() as robot:
+        print(
+            f"trying {CANDIDATES} networks on the simulated arm: about {CANDIDATES / 4:.0f} s, more on a busy computer",
+            flush=True,
+        )
         network, torque_max_nm = learn(CANDIDATES)
         before_deg, _ = measure(robot)
         before = robot.status()["law"]
