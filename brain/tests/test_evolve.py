@@ -212,15 +212,33 @@ def test_laws_are_searched_on_the_robot_as_it_was_recorded(tmp_path: Path, capsy
     ("words", "says"),
     [
         ([ROOT / "README.md", PD], "is no robot file"),
-        ([CHAIN, ROOT / "laws/missing.cpp"], "No such file"),
+        ([CHAIN, ROOT / "laws/missing.cpp"], "laws/missing.cpp: No such file"),
+        ([CHAIN, ROOT / "robots/arm.toml"], "robots/arm.toml is not taken for a law: its name does not end in .cpp"),
+        ([PD, CHAIN], "next: one robot file, then laws: lithe evolve ROBOT.toml LAW.cpp"),
+        ([PD, GRAVITY], "next: one robot file, then laws: lithe evolve ROBOT.toml LAW.cpp"),
+        ([CHAIN, "pd"], "pd is not taken for a law"),
+        ([CHAIN, PD, "--out", ROOT / "README.md"], "cannot write to"),
         ([CHAIN, PD, "--resume"], "nothing to resume"),
     ],
 )
 def test_bad_input_is_named(
     words: list[str | Path], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*map(str, words), "--out", str(tmp_path)]) == 2
-    assert says in capsys.readouterr().err
+    assert main(["--out", str(tmp_path), *map(str, words)]) == 2
+    said = capsys.readouterr().err
+    assert says in said and len(said.splitlines()) == 2 and "next: " in said
+
+
+def test_one_that_is_interrupted_says_how_it_goes_on(tmp_path: Path) -> None:
+    """Ctrl-C, without a traceback."""
+    words = [*EVOLVE, CHAIN, PD, "--budget", "100000", "--out", tmp_path]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        running.stdout.readline()
+        running.send_signal(signal.SIGINT)
+        _, said = running.communicate(timeout=60)
+    assert (running.returncode, said.splitlines()[0]) == (130, "lithe.evolve: interrupted"), said
+    assert "--resume" in said and "Traceback" not in said
 
 
 def test_a_law_that_does_not_compile_is_told_as_the_compiler_does(

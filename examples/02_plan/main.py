@@ -8,6 +8,7 @@ Then:              .venv/bin/python examples/02_plan/main.py
 """
 
 import math
+import sys
 import time
 from pathlib import Path
 
@@ -23,25 +24,28 @@ def reference_rad(t_s: float) -> float:
     return math.pi / 4 * (1 - math.cos(math.pi * t_s))
 
 
-with lithe.connect() as robot:
-    robot.swap(LAWS / "gravity_pd.cpp", params={"mgl_nm": 0.165})
-    robot.go_to([0.0], in_s=1.0)
-    time.sleep(1.2)
+try:
+    with lithe.connect() as robot:
+        robot.swap(LAWS / "gravity_pd.cpp", params={"mgl_nm": 0.165})
+        robot.go_to([0.0], in_s=1.0)
+        time.sleep(1.2)
 
-    robot.telemetry.drain()
-    start_ns = time.monotonic_ns()
-    while (now_ns := time.monotonic_ns()) < start_ns + 4_000_000_000:
-        times_ns = now_ns + PERIOD_NS * np.arange(1, 13)
-        robot.publish(times_ns, [reference_rad((t_ns - start_ns) * 1e-9) for t_ns in times_ns])
-        time.sleep(PERIOD_NS * 1e-9)
+        robot.telemetry.drain()
+        start_ns = time.monotonic_ns()
+        while (now_ns := time.monotonic_ns()) < start_ns + 4_000_000_000:
+            times_ns = now_ns + PERIOD_NS * np.arange(1, 13)
+            robot.publish(times_ns, [reference_rad((t_ns - start_ns) * 1e-9) for t_ns in times_ns])
+            time.sleep(PERIOD_NS * 1e-9)
 
-    records = robot.telemetry.drain()
-    error_deg = np.degrees(records["setpoint_position_rad"][:, 0] - records["position_rad"][:, 0])
-    highest_deg = float(np.degrees(records["position_rad"][:, 0].max()))
-    print(
-        f"the arm went up to {highest_deg:.0f} degrees"
-        if abs(highest_deg - 90) > 3
-        else "the arm went up to the horizontal"
-    )
-    print(f"RMSE below 2 degrees: {bool(np.sqrt(np.mean(error_deg**2)) < 2)}")
-    print(f"records lost: {robot.telemetry.lost}")
+        records = robot.telemetry.drain()
+        error_deg = np.degrees(records["setpoint_position_rad"][:, 0] - records["position_rad"][:, 0])
+        highest_deg = float(np.degrees(records["position_rad"][:, 0].max()))
+        print(
+            f"the arm went up to {highest_deg:.0f} degrees"
+            if abs(highest_deg - 90) > 3
+            else "the arm went up to the horizontal"
+        )
+        print(f"RMSE below 2 degrees: {bool(np.sqrt(np.mean(error_deg**2)) < 2)}")
+        print(f"records lost: {robot.telemetry.lost}")
+except lithe.LitheError as error:
+    sys.exit(str(error))  # what is wrong, where, and the next step

@@ -5,6 +5,7 @@ In another shell:  lithe run robots/arm.toml
 Then:              .venv/bin/python examples/03_swap/main.py
 """
 
+import sys
 import time
 from pathlib import Path
 
@@ -22,18 +23,21 @@ def step_nm(robot: lithe.Robot, tick: int) -> float:
     return float(np.max(np.abs(np.diff(near["command_torque_nm"][:, 0]))))
 
 
-with lithe.connect() as robot:
-    info = robot.spine.info
-    bound_nm = float(info["torque_slew_nm_s"][0] / info["rate_hz"])
+try:
+    with lithe.connect() as robot:
+        info = robot.spine.info
+        bound_nm = float(info["torque_slew_nm_s"][0] / info["rate_hz"])
 
-    robot.swap(LAWS / "pd.cpp")
-    robot.go_to([0.8], in_s=1.0)
-    time.sleep(1.5)
+        robot.swap(LAWS / "pd.cpp")
+        robot.go_to([0.8], in_s=1.0)
+        time.sleep(1.5)
 
-    for law in ("gravity_pd", "impedance", "lqr"):
-        swap = robot.swap(LAWS / f"{law}.cpp")
-        inside = step_nm(robot, swap["commit_tick"]) <= bound_nm * 1.001
-        print(f"{law}: runs; torque step within the guard's bound: {inside}")
+        for law in ("gravity_pd", "impedance", "lqr"):
+            swap = robot.swap(LAWS / f"{law}.cpp")
+            inside = step_nm(robot, swap["commit_tick"]) <= bound_nm * 1.001
+            print(f"{law}: runs; torque step within the guard's bound: {inside}")
 
-    robot.rollback()
-    print(f"rolled back to {robot.status()['law']}")
+        robot.rollback()
+        print(f"rolled back to {robot.status()['law']}")
+except lithe.LitheError as error:
+    sys.exit(str(error))  # what is wrong, where, and the next step

@@ -6,6 +6,7 @@ Then:              .venv/bin/python examples/04_law/main.py
 """
 
 import math
+import sys
 import time
 
 import lithe
@@ -41,15 +42,18 @@ def sag_deg(robot: lithe.Robot) -> float:
     return math.degrees(now["setpoint_position_rad"][0] - now["position_rad"][0])
 
 
-with lithe.connect() as robot:
-    # error_ratio=0: the arm sags at first, so the probation must not judge the tracking error.
-    robot.swap(LAW, name="pid.cpp", error_ratio=0)
-    robot.go_to([math.pi / 2], in_s=1.0)
-    print(f"PD alone sags by more than 3 degrees: {sag_deg(robot) > 3}")
+try:
+    with lithe.connect() as robot:
+        # error_ratio=0: the arm sags at first, so the probation must not judge the tracking error.
+        robot.swap(LAW, name="pid.cpp", error_ratio=0)
+        robot.go_to([math.pi / 2], in_s=1.0)
+        print(f"PD alone sags by more than 3 degrees: {sag_deg(robot) > 3}")
 
-    robot.params["ki_nm_rad_s"] = 2.0  # between two ticks; nothing is compiled
-    print(f"with the integral less than 1 degree: {abs(sag_deg(robot)) < 1}")
+        robot.params["ki_nm_rad_s"] = 2.0  # between two ticks; nothing is compiled
+        print(f"with the integral less than 1 degree: {abs(sag_deg(robot)) < 1}")
 
-    probe_nm = float(robot.telemetry.latest()["probe"][0])
-    # The robot file says 0.165; payload, friction and the drive's torque constant change it.
-    print(f"the integral has learnt the arm's weight, 0.12 to 0.23 N m: {0.12 < probe_nm < 0.23}")
+        probe_nm = float(robot.telemetry.latest()["probe"][0])
+        # The robot file says 0.165; payload, friction and the drive's torque constant change it.
+        print(f"the integral has learnt the arm's weight, 0.12 to 0.23 N m: {0.12 < probe_nm < 0.23}")
+except lithe.LitheError as error:
+    sys.exit(str(error))  # what is wrong, where, and the next step

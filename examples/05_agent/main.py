@@ -8,6 +8,8 @@ In another shell:  lithe run robots/arm.toml
 Then:              .venv/bin/python examples/05_agent/main.py
 """
 
+import sys
+
 import lithe
 from lithe.gateway import Gateway
 from lithe.remote import Remote
@@ -39,11 +41,14 @@ def agent(remote: Remote) -> None:
     print(f"telemetry shows it: {recent['law_id'][-1] == swap['law_id']}")
 
 
-with lithe.connect() as robot:
-    gateway = Gateway(robot, token="a secret")
-    gateway.start()
-    robot.call("swap", source=DRAFT.replace("t.velocity[0]", "0.0"), name="rest.cpp", error_ratio=0)
-    remote = Remote("127.0.0.1", gateway.port, "a secret")
-    agent(remote)
-    remote.close()
-    gateway.close()
+try:
+    with lithe.connect() as robot:
+        gateway = Gateway(robot, token="a secret")
+        gateway.start()
+        robot.call("swap", source=DRAFT.replace("t.velocity[0]", "0.0"), name="rest.cpp", error_ratio=0)
+        remote = Remote("127.0.0.1", gateway.port, "a secret")
+        agent(remote)
+        remote.close()
+        gateway.close()
+except lithe.LitheError as error:
+    sys.exit(str(error))  # what is wrong, where, and the next step

@@ -8,50 +8,15 @@ It needs gymnasium and cma: .venv/bin/pip install gymnasium cma
 
 import sys
 import time
-import warnings
-from pathlib import Path
 
 import lithe  # before numpy: it limits numpy to one thread, so that none runs on the Spine's core
 import numpy as np
-from lithe.gym import FIELDS, SpineEnv
-from network import Floats, Network
+from network import Floats
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # what it imports for figures
-    import cma
-
-ARM = Path(__file__).resolve().parents[2] / "robots/arm.toml"
-CANDIDATES = int(sys.argv[1]) if len(sys.argv) > 1 else 640
-SEEDS = (1, 2, 3, 4)
-STOPPED = 10.0  # rad^2 for each action that the guard did not let it take, or whose torque shakes the joint
-
-
-def cost(network: Network, envs: list[SpineEnv]) -> float:
-    """Minus the mean reward of an action, over the same episodes for every network."""
-    total = 0.0
-    for env, seed in zip(envs, SEEDS, strict=True):
-        seen, _ = env.reset(seed=seed)
-        for action in range(100):
-            seen, reward, terminated, truncated, info = env.step(network.share(*seen.reshape(len(FIELDS), -1)))
-            total -= reward
-            if terminated or info["shakes"]:
-                total += STOPPED * (100 - action)
-            if terminated or truncated or info["shakes"]:
-                break
-    return total / (100 * len(SEEDS))
-
-
-def learn() -> tuple[Network, Floats]:
-    """The best of CANDIDATES networks, and the torque limits of the joints."""
-    envs = [SpineEnv(ARM, rough=seed % 2 == 0) for seed in SEEDS]
-    search = cma.CMAEvolutionStrategy(np.zeros(Network.SIZE), 0.3, {"seed": 1, "popsize": 16, "verbose": -9})
-    while search.countevals < CANDIDATES:
-        weights = search.ask()
-        search.tell(weights, [cost(Network(each), envs) for each in weights])
-    limits = envs[0].torque_max_nm
-    for env in envs:
-        env.close()
-    return Network(np.asarray(search.result.xbest)), limits
+WORDS = sys.argv[1:] or ["640"]
+if len(WORDS) > 1 or not WORDS[0].isdecimal() or int(WORDS[0]) == 0:
+    sys.exit(f"CANDIDATES is how many networks are tried, not {' '.join(WORDS)}\n  next: main.py 640")
+CANDIDATES = int(WORDS[0])
 
 
 def measure(robot: lithe.Robot) -> tuple[float, Floats]:
@@ -64,16 +29,25 @@ def measure(robot: lithe.Robot) -> tuple[float, Floats]:
     return float(np.degrees(np.sqrt(np.mean(error_rad**2)))), records
 
 
-network, torque_max_nm = learn()
-with lithe.connect() as robot:
-    before_deg, _ = measure(robot)
-    before = robot.status()["law"]
-    swap = robot.swap(network.law(torque_max_nm), name="policy.cpp", error_ratio=0)
-    after_deg, records = measure(robot)
-    seen = [records[field][:, :1].astype(float) for field in FIELDS]
-    apart_nm = records["law_torque_nm"][:, :1] - torque_max_nm * network.share(*seen)
-    size = next(gate["detail"] for gate in swap["gates"] if gate["gate"] == "size")
-    print(f"at most 4096 bytes of code: {int(size.split()[0]) <= 4096} ({size})")
-    print(f"the law gives the network's torques: {np.max(np.abs(apart_nm)) < 1e-9}")
-    print(f"the policy tracks better: {after_deg < before_deg}")
-    print(f"tracking error (rms): {before} {before_deg:.2f} deg, {swap['law']} {after_deg:.2f} deg")
+try:
+    from learn import FIELDS, learn
+
+    with lithe.connect() as robot:
+        print(
+            f"trying {CANDIDATES} networks on the simulated arm: about {CANDIDATES / 4:.0f} s, more on a busy computer",
+            flush=True,
+        )
+        network, torque_max_nm = learn(CANDIDATES)
+        before_deg, _ = measure(robot)
+        before = robot.status()["law"]
+        swap = robot.swap(network.law(torque_max_nm), name="policy.cpp", error_ratio=0)
+        after_deg, records = measure(robot)
+        seen = [records[field][:, :1].astype(float) for field in FIELDS]
+        apart_nm = records["law_torque_nm"][:, :1] - torque_max_nm * network.share(*seen)
+        size = next(gate["detail"] for gate in swap["gates"] if gate["gate"] == "size")
+        print(f"at most 4096 bytes of code: {int(size.split()[0]) <= 4096} ({size})")
+        print(f"the law gives the network's torques: {np.max(np.abs(apart_nm)) < 1e-9}")
+        print(f"the policy tracks better: {after_deg < before_deg}")
+        print(f"tracking error (rms): {before} {before_deg:.2f} deg, {swap['law']} {after_deg:.2f} deg")
+except lithe.LitheError as error:
+    sys.exit(str(error))  # what is wrong, where, and the next step

@@ -164,6 +164,9 @@ void ParamChanges::tried(std::uint64_t number, const Answer& answer) {
   change->record["trial_ms"] = change->trial.value("ms", 0.0);
   Json warnings = change->trial.value("warnings", Json::array());
   for (const std::string& each : help_.laws.worse_than(change->law, change->trial)) warnings.push_back(each);
+  const Json values = merged(change->law.values, change->values);
+  if (const std::string missing = missing_sensor(values, help_.spine.info()); !missing.empty())
+    warnings.push_back(missing);
   change->record["warnings"] = std::move(warnings);
   send(*change);
 }

@@ -225,10 +225,13 @@ std::variant<std::string, Refusal> Swaps::tried(SwapState& swap, const Answer& a
   Json report = refusal == nullptr            ? std::get<Json>(answer)
                 : refusal->detail.is_object() ? refusal->detail.value("trial", Json())
                                               : Json();
+  const Json values = all_params(swap.request().params, swap.compiled().descriptor);
   if (report.is_object()) {
     const auto running = refusal == nullptr ? help_.spine.running_law() : std::nullopt;
     for (const std::string& worse : running ? tried_laws_.worse_than(*running, report) : std::vector<std::string>{})
       report["warnings"].push_back(worse);
+    if (const std::string missing = missing_sensor(values, help_.spine.info()); !missing.empty())
+      report["warnings"].push_back(missing);
     swap.note("trial", report);
   }
   if (refusal != nullptr) return *refusal;
@@ -236,8 +239,7 @@ std::variant<std::string, Refusal> Swaps::tried(SwapState& swap, const Answer& a
   std::string words = fmt::format("passed in {:.0f} ms, a step takes {:.0f} ns (p99.9, best of 3), at most {:.0f} ns",
                                   report.value("ms", 0.0), timing.value("p999_ns", 0.0), timing.value("worst_ns", 0.0));
   note(swap, "swap_tried", words);
-  tried_laws_.passed(swap.request_id(), request_of(swap), all_params(swap.request().params, swap.compiled().descriptor),
-                     report);
+  tried_laws_.passed(swap.request_id(), request_of(swap), values, report);
   return words;
 }
 

@@ -56,6 +56,27 @@ std::vector<std::string> worse_joints(const Json& run, const Json& before, const
   return worse;
 }
 
+std::string missing_sensor(const Json& values, const wire::RobotInfo& info) {
+  const std::uint32_t count = std::min<std::uint32_t>(info.sensor_count, wire::kNs);
+  const double sensor = values.value("sensor", 0.0);
+  if (!values.contains("sensor") || (sensor >= 0 && sensor < count)) return "";
+  std::string there;
+  for (std::uint32_t i = 0; i < count; ++i)
+    there += fmt::format("{}{} {}", i == 0 ? "" : ", ", i, name_at(info.sensor_name, i));
+  const std::string file = text_of(info.config_path);
+  if (there.empty()) {
+    return fmt::format(
+        "sensor = {:g} is no sensor of this robot, which has none, so the law reacts to nothing: set one up as "
+        "[[sensor]] in {} (docs/hardware.md, Sensors), start the robot again, then lithe param set sensor 0",
+        sensor, file);
+  }
+  return fmt::format(
+      "sensor = {:g} is no sensor of this robot, so the law reacts to nothing: it has {}: lithe param set sensor "
+      "NUMBER; "
+      "or set up another as [[sensor]] in {} (docs/hardware.md, Sensors), and start the robot again",
+      sensor, there, file);
+}
+
 void TriedLaws::passed(std::uint64_t request_id, TrialRequest request, const Json& values, const Json& trial) {
   laws_[request_id] = Law{std::move(request), {Run{values, loop_of(trial)}}};
   if (laws_.size() > kMostLaws) laws_.erase(laws_.begin());

@@ -25,6 +25,10 @@ inline constexpr double kMuchWorseRatio = 3.0;
 std::vector<std::string> worse_joints(const Json& run, const Json& before, const std::string& whom,
                                       const std::vector<std::string>& joints);
 
+// What to do when a law's parameter `sensor`, the number of a [[sensor]] in the robot file, is none of this robot's;
+// empty otherwise, also for a law without it. `values`: of all its parameters.
+std::string missing_sensor(const Json& values, const wire::RobotInfo& info);
+
 // Contract: one thread · bounded: the last kMostRuns results of the newest kMostLaws laws
 class TriedLaws {
  public:

@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <string_view>
+
 namespace lithe::control {
 namespace {
 
@@ -35,6 +38,28 @@ TEST(WorseJoints, RunsOfDifferentLengthAreNotCompared) {
   EXPECT_EQ(worse_joints(run({0.5}, {0.5}, 400), run({0.0}, {0.0}), "", {"hip"}).size(), 1U) << "but the other is";
   EXPECT_TRUE(worse_joints(nullptr, run({0.0}, {0.0}), "", {"hip"}).empty());
   EXPECT_TRUE(worse_joints(Json::object(), Json::object(), "", {"hip"}).empty());
+}
+
+TEST(MissingSensor, IsNamedWithThoseThatAreThereAndTheFile) {
+  wire::RobotInfo info;
+  const auto put = [](auto& field, std::size_t at, std::string_view text) {
+    std::ranges::copy(text, field.begin() + static_cast<std::ptrdiff_t>(at));
+  };
+  put(info.config_path, 0, "hand.toml");
+  EXPECT_EQ(
+      missing_sensor({{"sensor", 0}}, info),
+      "sensor = 0 is no sensor of this robot, which has none, so the law reacts to nothing: set one up as "
+      "[[sensor]] in hand.toml (docs/hardware.md, Sensors), start the robot again, then lithe param set sensor 0");
+  info.sensor_count = 2;
+  put(info.sensor_name, 0, "heat");
+  put(info.sensor_name, 32, "touch");
+  EXPECT_EQ(missing_sensor({{"sensor", 2}}, info),
+            "sensor = 2 is no sensor of this robot, so the law reacts to nothing: it has 0 heat, 1 touch: lithe param "
+            "set sensor NUMBER; or set up another as [[sensor]] in hand.toml (docs/hardware.md, Sensors), and start "
+            "the robot again");
+  EXPECT_EQ(missing_sensor({{"sensor", -1}}, info).substr(0, 34), "sensor = -1 is no sensor of this r");
+  EXPECT_EQ(missing_sensor({{"sensor", 1}}, info), "");
+  EXPECT_EQ(missing_sensor({{"kp_nm_rad", 4}}, info), "") << "a law without that parameter";
 }
 
 }  // namespace

@@ -327,7 +327,7 @@ def main() -> int:
     options.model_options(parser, required=False)
     args = parser.parse_args()
     try:
-        remote = Remote(args.host, args.port, args.token_file.read_text().strip(), timeout_s=SLOW_COMPUTER_S)
+        remote = Remote(args.host, args.port, args.token_file, timeout_s=SLOW_COMPUTER_S)
         agent = Agent(remote) if args.url is None else ModelAgent(remote, args)
         arms = agent.probe(agent.baseline())
         agent.gravity_only(arms)

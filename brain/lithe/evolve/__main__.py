@@ -4,7 +4,7 @@
 Searches the parameters of these laws on the simulated robot of the file; with --recorded DATA.npy on one that moves as
 was recorded. OUT/journal.jsonl has every candidate,
 OUT/result.json the best of each law. Exit 0: a winner was found; 1: every candidate was refused, or --live rolled it
-back or did not confirm it; 2: it cannot run.
+back or did not confirm it; 2: it cannot run; 130: it was interrupted.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from .evaluate import compile_laws, evaluate
 from .search import Found, Journal, Map, Plan, Search
 
 BAR = 24  # characters
+ORDER = "one robot file, then laws: lithe evolve ROBOT.toml LAW.cpp ..."
 
 
 @contextmanager
@@ -117,11 +118,37 @@ def arguments(words: Sequence[str]) -> argparse.Namespace:
 def joints_of(robot: Path) -> int:
     """How many the robot file has. LitheError where it is none."""
     try:
-        return len(tomllib.loads(read_regular(robot))["joint"])
+        if joints := len(tomllib.loads(read_regular(robot))["joint"]):
+            return joints
+        raise ValueError("it has no joint")
     except OSError as error:
         raise LitheError(f"cannot read {robot}: {error.strerror}\n  next: give a robot file, as in robots/") from None
     except (ValueError, KeyError, TypeError):
-        raise LitheError(f"{robot} is no robot file\n  next: `lithe bus plan {robot}` names its mistakes") from None
+        raise LitheError(
+            f"{robot} is no robot file\n  next: {ORDER}; `lithe bus plan {robot}` names its mistakes"
+        ) from None
+
+
+def laws_in(files: list[Path]) -> list[tuple[str, str]]:
+    """Their names and texts. LitheError: one is no law's file."""
+    sources = []
+    for file in files:
+        if file.suffix not in (".cpp", ".cc"):
+            raise LitheError(f"{file} is not taken for a law: its name does not end in .cpp\n  next: {ORDER}")
+        try:
+            sources.append((file.name, read_regular(file)))
+        except (OSError, ValueError) as error:
+            why = error.strerror if isinstance(error, OSError) else "is no text"
+            raise LitheError(f"cannot read the law {file}: {why}\n  next: give C++ files, as in laws/") from None
+    return sources
+
+
+def make_folder(folder: Path) -> None:
+    """Of the results. LitheError: it cannot be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LitheError(f"cannot write to {folder}: {error.strerror}\n  next: another --out FOLDER") from None
 
 
 def as_recorded(robot: Path, data: list[Path], out: Path) -> Path:
@@ -131,7 +158,7 @@ def as_recorded(robot: Path, data: list[Path], out: Path) -> Path:
         values, said, _ = identify(robot, plant_of(text), data, None)
     except ValueError as error:
         raise LitheError(f"{error}\n  next: record a motion that tells more (lithe.identify)") from None
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     file.write_text(with_values(text, values), encoding="utf-8")
     print(said, flush=True)
     return file
@@ -159,17 +186,14 @@ def swap_in(found: Found, source: str) -> bool:
 
 def run(asked: argparse.Namespace) -> int:
     """The search as asked."""
-    try:
-        sources = [(path.name, read_regular(path)) for path in asked.laws]
-    except (OSError, ValueError) as error:
-        raise LitheError(f"cannot read a law: {error}\n  next: give C++ files, as in laws/") from None
+    sources = laws_in(asked.laws)
     if len({name for name, _ in sources}) < len(sources):
         raise LitheError("two laws have the same file name\n  next: rename one")
-    joints, cache = joints_of(asked.robot), str((asked.out / "cache").resolve())
+    joints, cache = joints_of(asked.robot), (asked.out / "cache").resolve()
     robot = as_recorded(asked.robot, asked.recorded, asked.out) if asked.recorded else asked.robot
-    os.makedirs(cache, exist_ok=True)
-    units = compile_laws(sources, joints, cache)
-    plan = Plan(str(robot.resolve()), cache, asked.seed, asked.budget, asked.torque_weight)
+    make_folder(cache)
+    units = compile_laws(sources, joints, str(cache))
+    plan = Plan(str(robot.resolve()), str(cache), asked.seed, asked.budget, asked.torque_weight)
     journal = Journal(asked.out / "journal.jsonl", plan.fingerprint(units), asked.resume)
     progress = Progress(asked.budget, sys.stdout)
     search = Search(plan, units, journal, progress)
@@ -205,6 +229,9 @@ def main(words: Sequence[str]) -> int:
     except LitheError as error:
         print(f"lithe.evolve: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("lithe.evolve: interrupted\n  next: the same words and --resume go on", file=sys.stderr)
+        return 130
 
 
 if __name__ == "__main__":

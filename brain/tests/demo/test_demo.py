@@ -214,6 +214,15 @@ def test_a_stage_that_fails_takes_everything_back(tmp_path: Path, monkeypatch: p
     assert list(tmp_path.glob("lithe-demo-*")) == [] and leftovers(os.getpid()) == []
 
 
+def test_an_agent_without_its_token_file_says_what_to_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["agent", "--port", "1", "--token-file", str(tmp_path / "none")])
+    assert agent.main() == 1
+    told = capsys.readouterr().err
+    assert f"cannot read the token file {tmp_path / 'none'}" in told and "next: python -m lithe.gateway" in told
+
+
 JOINT = '[[joint]]\nname = "a"\nposition_min_rad = -1.5\nposition_max_rad = 1.5\n'
 
 

@@ -53,6 +53,7 @@ std::string wrong_bitrates(const robot::BusConfig& bus) {
 
 Result<Choice> choose_given(robot::BusConfig bus, const Words& words) {
   if (!words.bus.empty()) return Error{"--bus picks one of a robot file's buses; '" + words.what + "' is one already"};
+  if (words.what.ends_with(':')) return Error{words.what + " names no bus; one of: " + bus_forms()};
   const robot::BusFacts& kind = robot::facts(bus.kind);
   if (kind.place == PlaceKey::connector && (bus.connector < 1 || bus.connector > kind.connectors)) {
     return Error{

@@ -83,7 +83,8 @@ Result<> listen_in(const bus::Choice& choice, const std::vector<Occupied>& spine
     const robot::BusConfig& bus = choice.robot.buses[number];
     const auto spine = std::ranges::find_if(spines, [number](const Occupied& each) { return each.ours == number; });
     if (spine == spines.end() && !robot::is_real(bus))
-      return Error{"bus '" + bus.name + "' is simulated and lives in the Spine: start the robot, then watch it"};
+      throw Refusal{"no_bus", "bus '" + bus.name + "' is simulated and lives in the Spine",
+                    "start the robot (lithe run), then watch it"};
     if (spine == spines.end() || robot::facts(bus.kind).is_shared) {  // the kernel gives everybody everything
       free.push_back(number);
       continue;
@@ -116,7 +117,8 @@ int bus_monitor(const Context& context, const bus::Words& words, bus::MonitorOpt
   if (const std::string complaint = monitor.complaint(); !complaint.empty())
     throw Refusal{"usage", complaint, "see the robot file"};
   All all;
-  value_of(listen_in(choice, spines, all), "no_bus", "who uses it: lithe status, fuser -v");
+  value_of(listen_in(choice, spines, all), "no_bus",
+           "what is there: ip -br link, ls -l /dev/serial/by-id; how a bus is named: lithe bus monitor --help");
   end_with_statistics();
   return bus::watch(
       all, monitor, options, [] { return ended != 0; }, [](const std::string& line) { std::cout << line << std::endl; },

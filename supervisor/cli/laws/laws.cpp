@@ -3,17 +3,21 @@
 #include <fmt/format.h>
 #include <poll.h>
 
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <optional>
 #include <regex>
+#include <string_view>
 #include <system_error>
 
 #include "spine/core/host/files.hpp"
 #include "spine/core/host/paths.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/time.hpp"
+#include "spine/robot/read/report.hpp"
 #include "supervisor/cli/core/act.hpp"
 #include "supervisor/cli/laws/show.hpp"
 #include "supervisor/link/client/client.hpp"
@@ -35,6 +39,32 @@ struct Source {
   std::string text;
 };
 
+// The laws that come with LITHE.
+std::vector<fs::path> known_laws() {
+  std::vector<fs::path> laws;
+  for (const fs::path& path : files_in(laws_dir()))
+    if (path.extension() == ".cpp" && !path.stem().string().ends_with("_test")) laws.push_back(path);
+  return laws;
+}
+
+// What was probably meant by the name of a law that is not there.
+std::string other_laws(const std::string& law) {
+  constexpr std::array<std::string_view, 9> kOfTheGuard{"safe",  "safe_law", "safe_stop", "damp", "damping",
+                                                        "brake", "off",      "stop",      "estop"};
+  const std::string name = fs::path(law).stem();
+  std::vector<std::string> known;
+  for (const fs::path& path : known_laws()) known.push_back(path.stem());
+  const std::string all = "one of: " + joined(known) + "; or the path of one C++ file";
+  if (contains(kOfTheGuard, name)) {
+    return fmt::format(
+        "'{}' is the guard's, no law: lithe estop (the drives damp), lithe disarm (off) or lithe hold "
+        "(the running law holds); a law is {}",
+        name, all);
+  }
+  const std::string_view near = robot::nearest(name, {known.begin(), known.end()});
+  return near.empty() ? all : fmt::format("did you mean '{}'? {}", near, all);
+}
+
 // A path, or the bare name of a law that comes with LITHE. Throws a Refusal.
 Source read_law(const std::string& law) {
   std::error_code failure;
@@ -53,7 +83,7 @@ Source read_law(const std::string& law) {
     throw Refusal{"no_source", text ? path.string() + ":1: the file is empty" : "cannot read the law " + text.message(),
                   text ? "a law is a struct with a static step() and ends with LITHE_LAW(Type, \"name\"); start from "
                          "one that lithe law list shows"
-                       : "give the path of one C++ file, or a name that lithe law list shows"};
+                       : other_laws(law)};
   }
   return Source{path.filename().string(), *text};
 }
@@ -163,8 +193,7 @@ int law_check(const Context& context, const std::string& law) {
 
 int law_list(const Context& context) {
   Json files = Json::array();
-  for (const fs::path& path : files_in(laws_dir())) {
-    if (path.extension() != ".cpp" || path.stem().string().ends_with("_test")) continue;
+  for (const fs::path& path : known_laws()) {
     files.push_back(
         {{"name", path.stem().string()}, {"path", path.lexically_normal().string()}, {"about", about(path)}});
   }

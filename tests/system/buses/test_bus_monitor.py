@@ -2,6 +2,7 @@
 """`lithe bus monitor`: on a bus that nobody owns, and through the Spine that owns one."""
 
 import json
+import re
 import signal
 import subprocess
 import time
@@ -170,7 +171,16 @@ def test_bit_rates_that_no_bus_has_are_refused(rig: RobotRig) -> None:
 def test_what_cannot_be_watched_is_refused_with_what_to_do(rig: RobotRig) -> None:
     need("lithe")
     arm = ROBOTS / "arm.toml"
-    assert "start the robot" in rig.ask("bus", "monitor", arm, code=1)["error"]["message"]
+    simulated = rig.ask("bus", "monitor", arm, code=1)["error"]
+    assert "'can0' is simulated" in simulated["message"] and simulated["next"].startswith("start the robot")
     assert "shoulder_drive" in rig.ask("bus", "monitor", arm, "--device", "x", code=2)["error"]["message"]
     assert rig.ask("bus", "monitor", ROOT / "absent.toml", code=2)["error"]["code"] == "bad_config"
-    assert "nocan9: " in rig.ask("bus", "monitor", "socketcan:nocan9", code=1)["error"]["message"]
+    for what in ("socketcan:nocan9", "slcan:/dev/nocan9"):
+        absent = rig.ask("bus", "monitor", what, code=1)["error"]
+        assert re.search("nocan9: no such (interface|device)", absent["message"]), absent
+        assert "who uses it" not in absent["next"], "nobody uses what does not exist"
+        assert "ip -br link" in absent["next"] and "/dev/serial/by-id" in absent["next"]
+    for what in ("socketcan:", "slcan:", "pi3hat:"):
+        assert (
+            f"{what} names no bus; one of: fdcanusb:PATH" in rig.ask("bus", "monitor", what, code=2)["error"]["message"]
+        )

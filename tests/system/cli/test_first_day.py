@@ -74,6 +74,23 @@ def test_a_joint_is_moved_and_jogged_by_hand(arm: RobotRig) -> None:
     assert rig.ask("move", joint, "1", code=1)["error"]["code"] == "refused_mode"
 
 
+def test_a_law_without_its_sensor_says_which_where_to_set_it_up_and_what_next(arm: RobotRig) -> None:
+    """A reflex on a robot without sensors runs, and would never react."""
+    rig = arm
+    for words, value in (
+        (("swap", "reflex"), -1),
+        (("swap", "reflex", "--param", "sensor=1"), 1),
+        (("param", "set", "sensor", "0"), 0),
+    ):
+        done = rig.lithe(*words)
+        assert done.returncode == 0, done.stderr
+        (said,) = [line for line in done.stdout.splitlines() if "sensor" in line and line.startswith("warning: ")]
+        assert f"sensor = {value} is no sensor of this robot, which has none" in said
+        assert (
+            f"[[sensor]] in {rig.config}" in said and "docs/hardware.md" in said and "lithe param set sensor 0" in said
+        )
+
+
 # A zsh on a terminal of its own: what stands on its line after TAB.
 ZSH = r"""
 zmodload zsh/zpty

@@ -75,7 +75,13 @@ SocketCanBus::Carrier look_at_carrier(const std::string& interface) {
 Result<Descriptor> open_can_socket(const SocketCanParams& params) {
   Descriptor opened(::socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW));
   if (!opened.is_open() && (errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT))
-    return wrong(params, "this kernel has no CAN: sudo modprobe can_raw");
+    return if_nametoindex(params.interface.c_str()) == 0
+               ? wrong(params,
+                       "no such interface, and this kernel has no CAN: sudo modprobe can_raw; then plug the "
+                       "adapter in, or name one that `ip -br link` lists")
+               : wrong(params,
+                       "is no CAN interface, and this kernel has no CAN: sudo modprobe can_raw; then name one "
+                       "that `ip -br link show type can` lists");
   if (!opened.is_open()) return wrong(params, std::string("no socket: ") + std::strerror(errno));
   const Result<int> index = find_interface(opened.get(), params);
   if (!index) return index.error();
