@@ -125,7 +125,9 @@ def next_verb(status: dict[str, Any], told: str) -> str:
     if mode == "active":
         whole = status["fault"] == "none" and all(joint["rung"] == "law" for joint in status["joints"])
         return "done" if whole else "reset"
-    if mode in ("safe_stop", "estop"):
+    if mode == "safe_stop" and told == "refused_fault":  # armed, and stopped at once
+        return "swap"
+    if mode in ("safe_stop", "estop") or (mode == "disarmed" and status["fault"] != "none"):
         return "reset"
     if mode == "recover":
         return "wait" if status["recovering"] else "arm"

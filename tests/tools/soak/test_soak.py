@@ -246,7 +246,9 @@ def status(mode: str, fault: str = "none", rung: str = "law", recovering: bool =
         (status("disarmed"), "refused_outside", "recover"),
         (status("recover", recovering=True), "ok", "wait"),
         (status("recover"), "", "arm"),
-        (status("disarmed"), "refused_fault", "swap"),
+        (status("disarmed"), "refused_law", "swap"),
+        (status("safe_stop", "law_faulted"), "refused_fault", "swap"),
+        (status("disarmed", "law_faulted"), "refused_fault", "reset"),
     ],
 )
 def test_the_way_back_goes_by_verbs(where: dict[str, Any], told: str, verb: str) -> None:
