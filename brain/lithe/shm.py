@@ -140,19 +140,23 @@ class Mapping:
 
 
 class RingCursor:
-    """A private cursor on a ring, `back` records before its end. `lost`: records overwritten before they were read."""
+    """A private cursor on a ring, at its end. `lost`: records overwritten before they were read."""
 
-    def __init__(self, mapping: Mapping, name: str, from_oldest: bool = False, back: int = 0) -> None:
+    def __init__(self, mapping: Mapping, name: str, from_oldest: bool = False) -> None:
         self._mapping = mapping  # keeps the memory mapped
         self._item, self._address = mapping.item(name)
         self._dtype = dtype(self._item.message)
         head = int(shim().lithe_ring_head(self._address))
-        self._cursor = ctypes.c_uint64(max(0, head - (self._item.depth if from_oldest else back)))
+        self._cursor = ctypes.c_uint64(max(0, head - (self._item.depth if from_oldest else 0)))
         self._lost = ctypes.c_uint64(0)
 
     @property
     def lost(self) -> int:
         return self._lost.value
+
+    def go_back(self, records: int) -> None:
+        """Read so many records again, or all there are."""
+        self._cursor.value = max(0, self._cursor.value - records)
 
     def drain(self, most: int | None = None) -> npt.NDArray[Any]:
         """All records since the last call, oldest first: one call into the shim, one private array of shape (n,)."""
@@ -205,9 +209,9 @@ class SpineView:
         """The newest telemetry record."""
         return self._telemetry.latest()
 
-    def telemetry(self, from_oldest: bool = False, back: int = 0) -> RingCursor:
-        """A new cursor on the telemetry ring, `back` records before its end, with drain() and lost of its own."""
-        return RingCursor(self.mapping, "telemetry", from_oldest, back)
+    def telemetry(self, from_oldest: bool = False) -> RingCursor:
+        """A new cursor on the telemetry ring, with drain() and lost of its own."""
+        return RingCursor(self.mapping, "telemetry", from_oldest)
 
     def events(self, source: str = "tick", from_oldest: bool = True) -> RingCursor:
         """A new cursor on the events of the `tick` or the `loader`."""

@@ -69,8 +69,7 @@ class Telemetry:
         return np.concatenate([*pieces, np.empty(0, dtype("Telemetry"))])
 
     def since(self, tick: int) -> tuple[npt.NDArray[Any], int]:
-        """All records after that tick, oldest first, shape (n,), and the number of ticks that have none: overwritten,
-        or skipped by the Spine (`missed_releases`).
+        """All records after that tick, oldest first, shape (n,), and the number of those that are no longer available.
 
         A tick in the future is from an earlier run of the robot: then all records of this run are returned.
         """
@@ -86,6 +85,7 @@ class Telemetry:
         The Spine continues between two pieces: records that it overwrites in that time are missing.
         """
         self._check()
+        from_here = self._spine.telemetry()  # before the newest is read: the Spine goes on meanwhile
         newest = self._cursor.latest()
         if newest is None:
             return iter(()), 0
@@ -104,4 +104,5 @@ class Telemetry:
                 if int(records["tick"][-1]) >= last:
                     return
 
-        return read(self._spine.telemetry(back=back)), last - first
+        from_here.go_back(back)
+        return read(from_here), last - first
