@@ -43,7 +43,7 @@ def test_a_designed_motion_tells_the_chain(
         recorder = Recorder("arm")
         references.set({**design["reference"], "stay": True})
         time.sleep(SECONDS)
-        assert references.told()["streams"], references.told()
+        assert references.told()["streams"], (references.told(), robot.status()["alarms"])
         references.stop()
         records = recorder.finish()
     np.save(tmp_path / "motion.npy", records)
