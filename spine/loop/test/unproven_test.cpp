@@ -217,34 +217,6 @@ TEST_F(LawsTest, ValuesOnProbationLeaveWithTheirLaw) {
   EXPECT_EQ(slot_.active()->params[0].value, 0);
 }
 
-struct SlowAndTuned {  // 50 us
-  struct Params {
-    Param kd_nm_s_rad{0.1, 0, 1};
-  };
-  struct State {};
-  static void step(const Tick& t, const Params& p, State&, Effort& u) {
-    const std::int64_t end_ns = monotonic_ns() + 50'000;
-    while (monotonic_ns() < end_ns) {
-    }
-    u.torque_nm[0] = 4 * (t.setpoint_position_rad[0] - t.position_rad[0]) - p.kd_nm_s_rad * t.velocity_rad_s[0];
-  }
-};
-constexpr LitheLaw kSlowAndTuned = describe<SlowAndTuned>("slow_and_tuned");
-
-TEST_F(LawsTest, ValuesAreJudgedByTheTimeBudgetOfTheirOwnLaw) {
-  arm_with(kSlowAndTuned);
-  terms_.budget_ns = 10'000;
-  terms_.probation_ticks = 1000;
-  stage(kPd);
-  ticks(3);
-  ASSERT_EQ(send(CommandKind::rollback), CommandResult::done);
-  ticks(3);
-  ASSERT_EQ(slot_.active()->law_id, 1u);
-  ASSERT_EQ(set(0, 0.2), CommandResult::done);
-  ticks(50);
-  EXPECT_EQ(slot_.active()->params[0].value, 0.2) << "not by that of the law that has left";
-}
-
 TEST_F(LawsTest, ValuesSetLateInALawsProbationAreJudgedAsLong) {
   arm_with(kPd);
   terms_.probation_ticks = 400, terms_.probation_error_ratio = 100;
