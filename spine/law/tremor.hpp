@@ -141,7 +141,7 @@ class Tremor {
     joint.swings = 0;
   }
 
-  // The same law runs again: what it did does not count any more, and what was before it stays the measure.
+  // A law starts, and the measure stays: what happened since start() does not count any more.
   void again() LITHE_RT {
     for (Joint& joint : joints_) joint.chatter_hz = joint.swings = 0;
   }
