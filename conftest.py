@@ -3,6 +3,7 @@
 
 import gc
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Generator, Iterator
@@ -12,6 +13,11 @@ from told import told
 
 pytest_plugins = ["stolen_time", "inconclusive"]
 FAILED = pytest.StashKey[bool]()
+# A shell ignores these for what it starts in the background, nohup one of them; every program that a test starts would
+# do so, too.
+for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(number) == signal.SIG_IGN:
+        signal.signal(number, usual)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

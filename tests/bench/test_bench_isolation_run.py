@@ -67,7 +67,6 @@ def test_without_the_verb_shield_says_so(
     monkeypatch.setenv("LITHE_BIN_DIR", str(tmp_path))
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
     try:
-        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # who started the tests may ignore it
         assert run.main(["--shield", "--short"]) == 2
         assert {signal.getsignal(number) for number in before} == {signal.default_int_handler}, "a lost terminal, too"
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
