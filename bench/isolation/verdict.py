@@ -107,8 +107,8 @@ def shortcomings(told: Figures, workloads: list[str]) -> list[str]:
             words = f"{name}: {number(told, f'r999_floor_{name}'):.2f} x the floor, at most {MOST_OVER_FLOOR}"
             found.append("; ".join([words, *later(told, name, "low")]))
         for peer in JUDGED_PEERS:
-            value = number(told, f"r999_{peer}_{name}")
-            if not value <= MOST_OVER_PEER and not spin_over_peer(told, peer, name) > MOST_OVER_PEER:
+            value, low = (number(told, f"r999_{peer}_{name}{end}") for end in ("", "_low"))
+            if not low <= MOST_OVER_PEER and not spin_over_peer(told, peer, name) > MOST_OVER_PEER:
                 found.append(f"{name}: {value:.3f} x {peer}, at most {MOST_OVER_PEER}")
     return found
 
@@ -119,15 +119,15 @@ def spin_over_peer(told: Figures, peer: str, name: str) -> float:
 
 
 def undecided_peers(told: Figures, name: str) -> list[tuple[str, str]]:
-    """The peers that a program which only spins does not beat here either, or whose interval reaches over the limit."""
+    """The peers that a program which only spins does not beat here either, or whose interval holds the limit."""
     found = []
     for peer in JUDGED_PEERS:
-        value, high = (number(told, f"r999_{peer}_{name}{end}") for end in ("", "_high"))
-        if not value <= MOST_OVER_PEER:
+        value, low, high = (number(told, f"r999_{peer}_{name}{end}") for end in ("", "_low", "_high"))
+        if not value <= MOST_OVER_PEER and spin_over_peer(told, peer, name) > MOST_OVER_PEER:
             found.append((f"{name}: a bare spin is itself {spin_over_peer(told, peer, name):.2f} x {peer} here", HOST))
         elif not high <= MOST_OVER_PEER:
-            words = f"{name}: {value:.3f} x {peer}, but its interval reaches to {high:.3f}, at most {MOST_OVER_PEER}"
-            found.append((words, LONGER))
+            words = f"{name}: {value:.3f} x {peer}, but its interval is {low:.3f} to {high:.3f}, the limit"
+            found.append((f"{words} {MOST_OVER_PEER}", LONGER))
     return found
 
 

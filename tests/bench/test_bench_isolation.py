@@ -42,6 +42,7 @@ def good() -> dict[str, Any]:
         told |= {f"r999_cyclictest_{name}": 0.03, f"r999_plain_loop_{name}": 0.01, f"load_ended_{name}": False}
         told |= {f"cycles_cyclictest_{name}": 60_000, f"cycles_plain_loop_{name}": 10_000}
         told |= {f"r999_cyclictest_{name}_high": 0.09, f"r999_plain_loop_{name}_high": 0.02}
+        told |= {f"r999_cyclictest_{name}_low": 0.01, f"r999_plain_loop_{name}_low": 0.005}
         for limit_us in LIMITS_US:
             key = f"late_{name}_over_{limit_us}us_difference"
             told |= {key: 0.0, f"{key}_low": -0.0004, f"{key}_high": 0.0004}
@@ -108,8 +109,11 @@ def test_a_swap_storm_without_a_swap_in_each_round_proves_nothing(verdict: Modul
     [
         ({"r999_floor_stress": 1.3, "r999_floor_stress_low": 1.11}, "stress: 1.30 x the floor"),
         ({"r999_floor_idle": None}, "idle: nan x the floor"),
-        ({"r999_cyclictest_idle": 0.105, "r999_floor_idle": 1.08}, "idle: 0.105 x cyclictest"),
-        ({"r999_plain_loop_stress": 0.105, "r999_floor_stress": 1.08}, "stress: 0.105 x plain_loop"),
+        (
+            {"r999_cyclictest_idle": 0.105, "r999_cyclictest_idle_low": 0.101, "r999_floor_idle": 1.08},
+            "idle: 0.105 x cyclictest",
+        ),
+        ({"r999_plain_loop_stress_low": math.nan}, "stress: 0.010 x plain_loop"),
         ({"late_idle_over_20us_difference_low": 0.0011}, "later than 20 us"),
         ({"late_idle_over_1us_difference_low": math.nan}, "later than 1 us"),
     ],
@@ -143,7 +147,8 @@ def test_too_few_rounds_are_said_to_be_too_few(verdict: ModuleType) -> None:
 def test_a_peer_that_no_program_could_beat_here_decides_nothing(verdict: ModuleType) -> None:
     told = verdict.judge(good() | {"r999_floor_idle": 1.0, "r999_cyclictest_idle": 0.23}, NAMES)
     assert told["verdict"] == "INCONCLUSIVE" and "a bare spin is itself 0.23 x cyclictest" in told["reason"]
-    told = verdict.judge(good() | {"r999_floor_idle": 3.0, "r999_cyclictest_idle": 0.23}, NAMES)
+    peer = {"r999_cyclictest_idle": 0.23, "r999_cyclictest_idle_low": 0.2}
+    told = verdict.judge(good() | peer | {"r999_floor_idle": 3.0}, NAMES)
     assert told["verdict"] == "falls short" and "0.230 x cyclictest" in told["reason"], "a bare spin holds it here"
 
 
@@ -152,6 +157,11 @@ def test_a_peer_whose_interval_reaches_over_the_claim_decides_nothing(verdict: M
     told = verdict.judge(good() | {"r999_plain_loop_numpy_high": high}, NAMES)
     assert told["verdict"] == "INCONCLUSIVE" and "numpy: 0.010 x plain_loop, but its interval" in told["reason"]
     assert "--paper" in told["conclusive_with"]
+    above = {"r999_plain_loop_numpy": 0.105, "r999_plain_loop_numpy_high": high, "r999_floor_numpy": 1.08}
+    told = verdict.judge(good() | above, NAMES)
+    assert (
+        told["verdict"] == "INCONCLUSIVE" and "numpy: 0.105 x plain_loop, but its interval is 0.005" in told["reason"]
+    )
 
 
 def test_the_shares_decide_where_the_ratio_cannot(verdict: ModuleType) -> None:
