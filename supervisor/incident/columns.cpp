@@ -55,7 +55,8 @@ std::string Columns::npy() const {
   std::string file = std::string("\x93NUMPY\x01\x00", 8);
   file += static_cast<char>(header.size() & 0xff);
   file += static_cast<char>(header.size() >> 8);
-  return file + header + bytes_;
+  file.reserve(file.size() + header.size() + bytes_.size());
+  return file.append(header).append(bytes_);
 }
 
 }  // namespace lithe::control

@@ -5,8 +5,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <ctime>
+#include <limits>
 #include <system_error>
 #include <utility>
 
@@ -92,9 +94,40 @@ std::string put(const fs::path& path, const std::string& bytes) {
                      : fmt::format("cannot write {}: {}; disk full, over a limit, or read-only?", path.string(), why);
 }
 
-Json span(double least, double most) { return Json::array({least, most}); }
-
 }  // namespace
+
+// What a summary says of the records. They are not kept: 2 s of them take 8 MB.
+struct Incidents::Seen {
+  // NaN is left out.
+  struct Extremes {
+    double least = std::numeric_limits<double>::infinity(), most = -least;
+    void add(double value) {
+      least = std::min(least, value);
+      most = std::max(most, value);
+    }
+    Json json() const { return Json::array({least, most}); }
+  };
+  struct Joint {
+    Extremes position_rad, velocity_rad_s, command_torque_nm;
+    double largest_error_rad = 0;
+  };
+  wire::Telemetry first, last;
+  std::array<Joint, wire::kNj> joints;
+  std::size_t ticks = 0;
+
+  void add(const wire::Telemetry& record) {
+    if (ticks++ == 0) first = record;
+    last = record;
+    for (std::size_t j = 0; j < joints.size(); ++j) {
+      Joint& joint = joints[j];
+      joint.position_rad.add(record.position_rad[j]);
+      joint.velocity_rad_s.add(record.velocity_rad_s[j]);
+      joint.command_torque_nm.add(record.command_torque_nm[j]);
+      const double error_rad = std::abs(record.setpoint_position_rad[j] - record.position_rad[j]);
+      joint.largest_error_rad = std::max(joint.largest_error_rad, error_rad);
+    }
+  }
+};
 
 fs::path incidents_of(const std::string& robot) { return fs::absolute(out_dir()) / robot / "incidents"; }
 
@@ -150,14 +183,13 @@ void Incidents::write(const SpineLink& spine) {
   ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader(spine.memory().telemetry);
   reader.rewind();
   const std::int64_t from_ns = open_->event.t_ns - open_->half_ns, to_ns = open_->event.t_ns + open_->half_ns;
-  std::vector<wire::Telemetry> records;
-  records.reserve(static_cast<std::size_t>(2.1e-9 * static_cast<double>(open_->half_ns) * spine.info().rate_hz));
+  Seen seen;
   Columns columns(std::min<std::size_t>(spine.info().joint_count, wire::kNj));
   wire::Telemetry record;
-  while (!reader.empty() && records.size() < wire::spine_segment::kTelemetryDepth) {
+  while (!reader.empty() && seen.ticks < wire::spine_segment::kTelemetryDepth) {
     if (!reader.next(record) || record.release_ns < from_ns || record.release_ns > to_ns) continue;
     columns.add(record);
-    records.push_back(record);
+    seen.add(record);
   }
   std::error_code failure;
   fs::create_directories(folder_, failure);
@@ -165,7 +197,7 @@ void Incidents::write(const SpineLink& spine) {
   make_room(data.size());
   const auto ids = ids_in(folder_);
   const std::uint64_t id = std::max(last_id_, ids.empty() ? 0 : ids.back()) + 1;
-  Json told = summary(spine, records);
+  Json told = summary(spine, seen);
   told["id"] = id;
   told["data"] = name_of(id) + ".npy";
   problem_ = put(folder_ / (name_of(id) + ".npy"), data);
@@ -200,7 +232,7 @@ void Incidents::make_room(std::uintmax_t fresh_bytes) const {
   }
 }
 
-Json Incidents::summary(const SpineLink& spine, const std::vector<wire::Telemetry>& records) const {
+Json Incidents::summary(const SpineLink& spine, const Seen& seen) const {
   const wire::Event& event = open_->event;
   const wire::RobotInfo& info = spine.info();
   const auto ago_s = std::chrono::nanoseconds(monotonic_ns() - event.t_ns);
@@ -211,10 +243,10 @@ Json Incidents::summary(const SpineLink& spine, const std::vector<wire::Telemetr
               {"tick", event.tick},
               {"time", fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(at))},
               {"rate_hz", info.rate_hz},
-              {"ticks", records.size()},
+              {"ticks", seen.ticks},
               {"skipped_before", skipped_}};
-  if (!records.empty()) {
-    const wire::Telemetry &first = records.front(), &last = records.back();
+  const auto& [first, last, joints, ticks] = seen;
+  if (ticks > 0) {
     out["seconds_before"] = 1e-9 * static_cast<double>(event.t_ns - first.release_ns);
     out["seconds_after"] = 1e-9 * static_cast<double>(last.release_ns - event.t_ns);
     out["ticks_lost"] = last.missed_releases - first.missed_releases;
@@ -225,19 +257,12 @@ Json Incidents::summary(const SpineLink& spine, const std::vector<wire::Telemetr
   }
   if (const auto running = spine.running_law()) out["params"] = running->values;
   out["joints"] = Json::array();
-  for (std::size_t j = 0; j < std::min<std::size_t>(info.joint_count, wire::kNj) && !records.empty(); ++j) {
-    const auto extremes = [&](const auto& field) {
-      const auto [least, most] = std::ranges::minmax(records, {}, [&](const auto& each) { return (each.*field)[j]; });
-      return span((least.*field)[j], (most.*field)[j]);
-    };
-    double error_rad = 0;
-    for (const wire::Telemetry& each : records)
-      error_rad = std::max(error_rad, std::abs(each.setpoint_position_rad[j] - each.position_rad[j]));
+  for (std::size_t j = 0; j < std::min<std::size_t>(info.joint_count, wire::kNj) && ticks > 0; ++j) {
     out["joints"].push_back({{"name", joint_name(info, j)},
-                             {"position_rad", extremes(&wire::Telemetry::position_rad)},
-                             {"velocity_rad_s", extremes(&wire::Telemetry::velocity_rad_s)},
-                             {"command_torque_nm", extremes(&wire::Telemetry::command_torque_nm)},
-                             {"largest_error_rad", error_rad}});
+                             {"position_rad", joints[j].position_rad.json()},
+                             {"velocity_rad_s", joints[j].velocity_rad_s.json()},
+                             {"command_torque_nm", joints[j].command_torque_nm.json()},
+                             {"largest_error_rad", joints[j].largest_error_rad}});
   }
   out["events"] = Json::array();
   const Json newest = log_.since(log_.last() > kMostEvents ? log_.last() - kMostEvents : 0, kMostEvents);

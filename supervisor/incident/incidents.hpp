@@ -59,8 +59,10 @@ class Incidents {
     std::int64_t half_ns;
   };
 
+  struct Seen;
+
   void write(const SpineLink& spine);
-  Json summary(const SpineLink& spine, const std::vector<wire::Telemetry>& records) const;
+  Json summary(const SpineLink& spine, const Seen& seen) const;
   Json law(const SpineLink& spine, std::uint32_t law_id) const;
   void make_room(std::uintmax_t fresh_bytes) const;
 
