@@ -25,19 +25,20 @@ class Bumpless {
   // The next step is the first one of a new law. 0 ticks: no blend.
   void start(std::uint32_t ticks) LITHE_RT {
     ticks_ = left_ = ticks;
-    fresh_ = true;
+    fresh_ = kFirstTicks;
   }
   bool fading() const LITHE_RT { return left_ > 0; }
 
   // Once per tick, after the law: adds the remaining difference to its feed-forward.
   void apply(const Tick& in, const guard::Guard& guard, Effort& effort) LITHE_RT {
     if (left_ == 0) return;
-    if (fresh_) {
+    if (fresh_ > 0) {
       for (std::uint32_t j = 0; j < in.joints; ++j) {
         const double difference_nm = guard.expected_torque_nm(j) - wanted_nm(effort, in, j);
-        offset_nm_[j] = std::isfinite(difference_nm) ? difference_nm : 0.0;
+        if (fresh_ == kFirstTicks || std::abs(difference_nm) < std::abs(offset_nm_[j])) offset_nm_[j] = difference_nm;
+        if (!std::isfinite(offset_nm_[j])) offset_nm_[j] = 0;
       }
-      fresh_ = false;
+      --fresh_;
     }
     const double x = static_cast<double>(left_) / ticks_;
     const double share = x * x * (3 - 2 * x);  // smoothstep: no corner at either end
@@ -46,8 +47,11 @@ class Bumpless {
   }
 
  private:
+  // A law that differentiates an error from zero wants much in its first tick only: the smaller difference counts.
+  static constexpr std::uint32_t kFirstTicks = 2;
+
   std::uint32_t ticks_ = 0, left_ = 0;
-  bool fresh_ = false;
+  std::uint32_t fresh_ = 0;
   JointArray offset_nm_{};
 };
 

@@ -23,12 +23,13 @@ void copy_effort(const Effort& from, Effort& to, std::uint32_t joints) LITHE_RT 
   copy_joints(from.kd_nm_s_rad, to.kd_nm_s_rad, joints);
 }
 
-// The name of an output of this joint that is not finite.
+// The name of an output of this joint that is not finite, or of what makes its torque so.
 std::string_view not_finite_in(const Effort& effort, std::size_t joint) LITHE_RT {
   if (!std::isfinite(effort.torque_nm[joint])) return "torque_nm";
   if (!std::isfinite(effort.velocity_rad_s[joint])) return "velocity_rad_s";
   if (!std::isfinite(effort.kp_nm_rad[joint])) return "kp_nm_rad";
-  return std::isfinite(effort.kd_nm_s_rad[joint]) ? "position_rad" : "kd_nm_s_rad";
+  if (!std::isfinite(effort.kd_nm_s_rad[joint])) return "kd_nm_s_rad";
+  return std::isinf(effort.position_rad[joint]) ? "position_rad" : "the torque of its gains";
 }
 
 bool is_runaway(wire::Fault fault) LITHE_RT {
@@ -91,7 +92,7 @@ Laws::Run Laws::run(law::Resident& law, Effort& effort, Host& host) LITHE_RT {
                            all_finite(in_.torque_nm, in_.joints);
   // A non-finite output that comes from a broken sensor is not a law fault: the guard handles it. The state of this
   // step is not kept.
-  const std::size_t odd = sound_input ? guard_.not_finite_at(sandbox_.effort) : kMaxJoints;
+  const std::size_t odd = sound_input ? not_finite_at(sandbox_.effort) : kMaxJoints;
   if (odd != kMaxJoints) {
     return {.failure = {LawFaultKind::not_finite, 0, 0},
             .from_ns = from_ns,
@@ -101,6 +102,14 @@ Laws::Run Laws::run(law::Resident& law, Effort& effort, Host& host) LITHE_RT {
   if (sound_input) sandbox_.keep_state(law);
   copy_effort(sandbox_.effort, effort, in_.joints);
   return {{}, from_ns};
+}
+
+// The first joint for which an output is not finite, or the torque that it makes with the drive's own PD.
+std::size_t Laws::not_finite_at(const Effort& effort) const LITHE_RT {
+  std::size_t odd = guard_.not_finite_at(effort);
+  for (std::size_t j = in_.joints; j-- > 0;)
+    if (j < odd && !guard_.stopped(j) && !std::isfinite(wanted_nm(effort, in_, j))) odd = j;
+  return odd;
 }
 
 // Runs the law before the failed one in this same tick. False: there is none, or it fails too; then the safe law takes
@@ -142,14 +151,14 @@ void Laws::replace(const Probation::News& why) LITHE_RT {
 // active one, whose own state is used, if there is one.
 Laws::Back Laws::step_back() LITHE_RT {
   if (probation_.of_params()) {
-    probation_.end_params();
+    probation_.end_params(in_);
     slot_.active()->restore_trusted_params();
     report_.params_changed = true;
     return Back::params;
   }
   law::FieldBits mended = 0;
   const bool back = slot_.rollback(law::Carry::none, 1, &mended);
-  probation_.start_again(*slot_.active(), in_);  // without another law, the same one runs after a reset
+  probation_.start(*slot_.active(), in_);  // without another law, the same one runs after a reset
   if (!back) return Back::nowhere;
   report_.flags |= flag::kRolledBack;
   begin_law(0);
@@ -225,7 +234,9 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
   const auto stopped = std::ranges::find_if(groups, ran_away);
   if (probation_.on() && !verdict.recovering && stopped != groups.end())
     return replace({.kind = LawFaultKind::guard_stopped, .evidence = {.joint = stopped->joint}});
-  if (!mode_.law_runs()) return;
+  if (!mode_.law_runs()) return probation_.rest(in_.joints, mode_.fault() != wire::Fault::none);
+  const bool soft_start = (verdict.flags & flag::kSoftStarting) != 0;
+  const double soft_stop_rad = robot_.guard.soft_stop_rad;
   if (probation_.on()) report_.flags |= flag::kOnProbation;
   if (probation_.of_params()) report_.flags |= flag::kParamsOnProbation;
   JointArray torque_nm;
@@ -235,9 +246,14 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
     torque_nm[j] = wanted_nm(effort_, in_, j);
     joint_stopped[j] = guard_.stopped(j);
     clamped[j] = guard_.law_flags(j) & Probation::kClamped;
-    if ((verdict.flags & flag::kSoftStarting) != 0) clamped[j] &= ~flag::kTorqueClamped;  // of the start, not the law
+    if (soft_start) clamped[j] &= ~flag::kTorqueClamped;  // of the start, not the law
+    const robot::JointConfig& joint = robot_.joints[j];
+    const double asked_rad = in_.setpoint_position_rad[j];
+    const bool asked_there =
+        asked_rad > joint.position_max_rad - soft_stop_rad || asked_rad < joint.position_min_rad + soft_stop_rad;
+    if (asked_there) clamped[j] &= ~flag::kPositionClamped;  // of the plan: there the guard weakens every law
   }
-  const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, clamped, joint_stopped});
+  const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, clamped, joint_stopped, soft_start});
   if (probation_.unproven()) report_.flags |= flag::kUnproven;
   tell_probation(news);
   if (news.kind != LawFaultKind::none) replace(news);

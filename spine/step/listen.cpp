@@ -195,7 +195,7 @@ CommandResult Laws::revert_params(const wire::Command& command) LITHE_RT {
 CommandResult Laws::params_set(const wire::Command& command, std::uint32_t count, std::string_view text) LITHE_RT {
   report_.params_changed = true;
   report_.event(EventKind::params_applied, slot_.active()->law_id, command.request_id, count, text);
-  probation_.start_params(command.request_id);
+  probation_.start_params(command.request_id, in_);
   return CommandResult::done;
 }
 
@@ -207,7 +207,7 @@ CommandResult Laws::roll_back(const wire::Command& command) LITHE_RT {
   law::FieldBits mended = 0;
   slot_.rollback(law::Carry::named, steps, &mended);
   report_.flags |= flag::kRolledBack;
-  probation_.start_again(*slot_.active(), in_);
+  probation_.start(*slot_.active(), in_);
   begin_law(blend_ticks);
   tell_not_carried(*slot_.active(), mended);
   report_.event(EventKind::law_rolled_back, slot_.active()->law_id, command.request_id, steps,

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 namespace lithe::step {
 namespace {
@@ -13,20 +12,28 @@ using wire::LawFaultKind;
 constexpr double kErrorMemoryS = 1.0;
 constexpr double kGuardMemoryS = 0.2;  // a setpoint step may saturate a good law for 0.1 s
 constexpr double kBusy = 0.8, kCalm = 0.4;
+constexpr double kHandedOn = 0.6;  // at most so much of the guard's share counts for the next law of a row
 constexpr auto kCatchUpNs = static_cast<std::int64_t>(1e9 * Probation::kCatchUpS);
 
 double error_rad(const Tick& in, std::uint32_t j) LITHE_RT {
-  return std::abs(in.setpoint_position_rad[j] - in.position_rad[j]);
+  return std::abs(in.setpoint_position_rad[j] - in.setpoint_velocity_rad_s[j] * in.sample_age_s - in.position_rad[j]);
 }
 
-// The robot moves, or is asked to.
-bool in_motion(const Tick& in) LITHE_RT {
+// What is left of it when the joint brakes for kCatchUpS.
+double found_rad(const Tick& in, std::uint32_t j) LITHE_RT {
+  const double drift_rad_s = std::abs(in.velocity_rad_s[j] - in.setpoint_velocity_rad_s[j]);
+  return error_rad(in, j) + 0.5 * drift_rad_s * Probation::kCatchUpS;
+}
+
+// The robot moves, or is asked to. A joint that is stopped may have lost its drive, and with it its velocity.
+bool in_motion(const Probation::Observed& tick) LITHE_RT {
+  const Tick& in = tick.in;
   bool moves = false;
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    moves |= std::abs(in.velocity_rad_s[j]) > Probation::kMovingRadS ||
-             std::abs(in.setpoint_velocity_rad_s[j]) > Probation::kAskedRadS;
+    moves |= !tick.stopped[j] && (std::abs(in.velocity_rad_s[j]) > Probation::kMovingRadS ||
+                                  std::abs(in.setpoint_velocity_rad_s[j]) > Probation::kAskedRadS);
   }
-  return moves;
+  return moves && (in.flags & kSampleStale) == 0;
 }
 
 }  // namespace
@@ -41,41 +48,72 @@ void Probation::configure(const robot::RobotConfig& robot) {
     tremor_.configure(robot.rate_hz, j, {robot.joints[j].torque_max_nm, robot.joints[j].velocity_max_rad_s});
 }
 
-void Probation::start(const law::Resident& law) LITHE_RT {
+void Probation::start(const law::Resident& law, const Tick& in) LITHE_RT {
+  const bool stands = on();
   terms_ = law.terms;
   law_ = params_ = {};
-  const bool stood = std::exchange(measure_stands_, law.unproven);
-  if (!law.unproven) return;
+  if (!law.unproven) {
+    if (stands) forget_unproven();
+    return find(in);
+  }
   law_.start(terms_.probation_ticks);
-  if (!stood) {
+  if (!stands) {
     compare_from_here();
   } else {
     if (!(error_ratio_ > 0)) compare_errors_from_here();  // they were not judged: the robot may be far off
     long_steps_ = 0;
-    clamped_share_.fill(0.0);
-    tremor_.again();
+    for (double& share : clamped_share_) share = std::min(share, kHandedOn);
+    tremor_.hand_on();
   }
   error_ratio_ = terms_.probation_error_ratio;
+  find(in);
 }
 
-void Probation::start_again(const law::Resident& law, const Tick& in) LITHE_RT {
-  start(law);
-  found_until_ns_ = in.t_ns + kCatchUpNs;
-  for (std::uint32_t j = 0; j < in.joints; ++j) {
-    const double drift_rad_s = std::abs(in.velocity_rad_s[j] - in.setpoint_velocity_rad_s[j]);
-    found_rad_[j] = error_rad(in, j) + 0.5 * drift_rad_s * kCatchUpS;
+void Probation::start_params(std::uint64_t request_id, const Tick& in) LITHE_RT {
+  if (of_law()) {
+    law_.start(law_.ticks);
+    return find(in);
   }
-}
-
-void Probation::start_params(std::uint64_t request_id) LITHE_RT {
-  if (of_law()) return law_.start(law_.ticks);
   params_request_id_ = request_id;
   // Several changes in a row are compared with the time before the first of them.
   const bool first = params_.left == 0;
   params_.start(params_ticks_);
-  if (!first) return;
-  error_ratio_ = params_error_ratio_;
-  compare_from_here();
+  if (first) {
+    error_ratio_ = params_error_ratio_;
+    compare_from_here();
+  }
+  find(in);
+}
+
+void Probation::end_params(const Tick& in) LITHE_RT {
+  params_ = {};
+  forget_unproven();
+  find(in);
+}
+
+double Probation::allowed_rad(std::uint32_t j) const LITHE_RT {
+  return error_ratio_ * std::max(error_before_rad_[j], kLeastErrorRad);
+}
+
+// Every joint will be within the measure.
+bool Probation::stays_within(const Tick& in) const LITHE_RT {
+  if (!(error_ratio_ > 0)) return true;
+  bool within = true;
+  for (std::uint32_t j = 0; j < in.joints; ++j) within &= found_rad(in, j) <= allowed_rad(j);
+  return within;
+}
+
+void Probation::find(const Tick& in) LITHE_RT {
+  if (!back_) return;
+  back_ = stays_within(in);
+  found_until_ns_ = in.t_ns + kCatchUpNs;
+  for (std::uint32_t j = 0; j < in.joints; ++j) found_rad_[j] = found_rad(in, j);
+}
+
+void Probation::forget_unproven() LITHE_RT {
+  most_error_rad_ = error_before_rad_;
+  clamped_share_ = clamped_before_;
+  tremor_.restore();
 }
 
 void Probation::compare_from_here() LITHE_RT {
@@ -97,10 +135,9 @@ Probation::News Probation::watch(const Observed& tick) LITHE_RT {
   if (!on()) return news;
   news.kind = find_fault(tick, news.evidence);
   if (news.kind != LawFaultKind::none) return news;
-  const bool moves = in_motion(tick.in) && !catching_up(tick.in), law_was = law_.unproven(),
+  const bool moves = in_motion(tick) && !catching_up(tick.in) && !coming_back(tick.in), law_was = law_.unproven(),
              params_were = params_.unproven();
   news.law_confirmed = law_.count(moves);
-  measure_stands_ = measure_stands_ && !news.law_confirmed;
   news.params_confirmed = params_.count(moves);
   news.law_unproven = law_.unproven() && !law_was;
   news.params_unproven = params_.unproven() && !params_were;
@@ -123,10 +160,9 @@ LawFaultKind Probation::find_fault(const Observed& tick, Evidence& evidence) con
 bool Probation::tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT {
   if (!(error_ratio_ > 0) || catching_up(in)) return false;
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    const double found_rad = in.t_ns < found_until_ns_ ? found_rad_[j] : 0.0;
-    const double allowed_rad = std::max(error_ratio_ * std::max(error_before_rad_[j], kLeastErrorRad), found_rad);
-    evidence = {.joint = j, .value = error_rad(in, j), .allowed = allowed_rad};
-    if (evidence.value > allowed_rad) return true;
+    const double allowed = coming_back(in) ? std::max(allowed_rad(j), found_rad_[j]) : allowed_rad(j);
+    evidence = {.joint = j, .value = error_rad(in, j), .allowed = allowed};
+    if (evidence.value > allowed) return true;
   }
   return false;
 }
@@ -139,23 +175,43 @@ bool Probation::guard_is_busy(const Observed& tick, Evidence& evidence) const LI
   return false;
 }
 
-void Probation::remember(const Observed& tick) LITHE_RT {
-  if (last_ns_ > 0 && tick.in.t_ns - last_ns_ >= pause_ns_) {
-    if (!catching_up(tick.in)) paused_rad_.fill(0.0);
-    catching_up_ns_ = tick.in.t_ns + kCatchUpNs;
+void Probation::see_pauses(const Observed& tick) LITHE_RT {
+  const Tick& in = tick.in;
+  const bool unsampled = (in.flags & kSampleStale) != 0 && in.sample_age_s * 1e9 >= static_cast<double>(pause_ns_);
+  if ((last_ns_ > 0 && in.t_ns - last_ns_ >= pause_ns_) || unsampled) {
+    if (!catching_up(in)) paused_rad_.fill(0.0);
+    catching_up_ns_ = in.t_ns + kCatchUpNs;
   }
-  last_ns_ = tick.in.t_ns;
-  const bool counts = !catching_up(tick.in);
+  last_ns_ = in.t_ns;
+  if (tick.soft_start) catching_up_ns_ = std::max(catching_up_ns_, in.t_ns + 1);
+  if (soft_start_ && !tick.soft_start) find(in);
+  soft_start_ = tick.soft_start;
+  if (!back_) back_ = on() ? stays_within(in) : in.t_ns >= found_until_ns_;
+}
+
+void Probation::remember(const Observed& tick) LITHE_RT {
+  see_pauses(tick);
+  const bool counts = !catching_up(tick.in), coming = coming_back(tick.in);
   for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
     const double off_rad = error_rad(tick.in, j);
-    if (counts) most_error_rad_[j] = std::max(off_rad, most_error_rad_[j] * forget_error_);
     if (!counts) paused_rad_[j] = std::max(paused_rad_[j], off_rad);
+    if (counts && !coming) most_error_rad_[j] = std::max(off_rad, most_error_rad_[j] * forget_error_);
     const double clamped = tick.clamped[j] != 0 ? 1.0 : 0.0;
-    clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
-    tick.stopped[j] ? tremor_.skip(j) : tremor_.see(tick.in, j, tick.torque_nm[j]);
+    if (!coming) clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
+    const bool shakes_itself = !tick.stopped[j] && (on() || !coming);
+    shakes_itself ? tremor_.see(tick.in, j, tick.torque_nm[j]) : tremor_.skip(j);
   }
   const bool too_long = terms_.budget_ns > 0 && tick.law_ns > terms_.budget_ns;
   long_steps_ = too_long ? long_steps_ + 1 : 0;
+}
+
+void Probation::rest(std::uint32_t joints, bool fault) LITHE_RT {
+  for (std::uint32_t j = 0; j < joints; ++j) {
+    most_error_rad_[j] *= fault ? 0.0 : forget_error_;
+    clamped_share_[j] *= fault ? 0.0 : forget_guard_;
+    tremor_.skip(j, fault);
+  }
+  soft_start_ = false;
 }
 
 }  // namespace lithe::step

@@ -17,16 +17,25 @@ namespace lithe::step {
 
 // The criteria (besides a law fault, which always replaces the law):
 //   tracking    a joint's error grows beyond error_ratio times the largest of the time before the commit; a joint that
-//               tracked better than kLeastErrorRad counts as having been that far off
+//               tracked better than kLeastErrorRad counts as having been that far off. The error is that at the time of
+//               the sample: setpoint - setpoint velocity * sample_age_s - position
 //   guard       in most recent ticks the guard had to clamp a joint's torque, velocity or position, and before the
 //               commit it did not
 //   chatter     a joint's torque jumps up and down from tick to tick (law::Tremor)
 //   oscillation a joint oscillates without decay (law::Tremor)
 //   budget      the step took longer than allowed kMostLong times in a row; a single time may be the machine's fault
 // Only ticks in which the robot moves, or should move, count for the duration. A robot at rest proves nothing.
-// When the machine stopped the tick for kPauseS (at least 3.5 periods), the setpoint went on without the law: for
-// kCatchUpS no tracking error is judged or remembered, and no tick counts. The guard's limits hold all the time. For a
-// law committed in these kCatchUpS, the errors since the pause also count as errors before its commit.
+//
+// The time before the commit is that in which nothing was on probation. What a law, or values, on probation did is
+// never a measure for those that follow, whether they come one after the other or after a rollback.
+// A law that begins to run may find a joint far off and moving away, through the law before it. For kCatchUpS the error
+// may then grow to what even braking in that time leaves, and is not remembered. No law after it may do so until every
+// joint was back.
+// While the setpoint goes on without the law, no tracking error is judged or remembered, and no tick counts: when the
+// machine stopped the tick, or the bus the exchange, for kPauseS (at least 3.5 periods), and for kCatchUpS after that;
+// while the torque grows after arming (soft_start_s). The guard's limits hold all the time. For a law committed in this
+// time, the errors since it began also count as errors before its commit.
+// While no law runs, the time before is forgotten as fast as otherwise; after a fault, at once.
 // Parameters of an unconfirmed law get no probation of their own: they are judged with the law.
 // Contract: RT · owned by the tick thread · bounded work per joint
 class Probation {
@@ -44,19 +53,15 @@ class Probation {
 
   void configure(const robot::RobotConfig& robot);
 
-  // `law` runs from now on, and is on probation if it is unproven. It is compared with the time before it; if the law
-  // before it was unproven, too, with the time before that one: bad laws in a row do not widen the measure.
-  void start(const law::Resident& law) LITHE_RT;
-  // Likewise, of a law that ran before. It may find a joint far off and moving away, through the law after it: for
-  // kCatchUpS, the error may grow to what even braking in that time leaves, also under a law that comes meanwhile.
-  void start_again(const law::Resident& law, const Tick& in) LITHE_RT;
+  // `law` runs from now on, and is on probation if it is unproven. `in`: what the law before it saw last.
+  void start(const law::Resident& law, const Tick& in) LITHE_RT;
   // To be called when this command has set parameters of the active law. The new values are compared in the same way,
   // for probation_s of the robot file. If the law itself is on probation, its probation starts again, and law and
   // values are judged together.
-  void start_params(std::uint64_t request_id) LITHE_RT;
+  void start_params(std::uint64_t request_id, const Tick& in) LITHE_RT;
   std::uint64_t params_request_id() const LITHE_RT { return params_request_id_; }
   // The previous parameters are in force again.
-  void end_params() LITHE_RT { params_ = {}; }
+  void end_params(const Tick& in) LITHE_RT;
 
   bool on() const LITHE_RT { return law_.left > 0 || params_.left > 0; }
   bool of_law() const LITHE_RT { return law_.left > 0; }
@@ -70,6 +75,7 @@ class Probation {
     std::int64_t law_ns;
     std::array<std::uint32_t, kMaxJoints> clamped;  // per joint: kClamped bits of what the guard did to the law
     std::array<bool, kMaxJoints> stopped;           // joints that the law does not drive: their setpoint follows them
+    bool soft_start;                                // the torque is still limited after arming
   };
   // What the guard clamps, of wire::telemetry_flag.
   static constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped |
@@ -90,6 +96,8 @@ class Probation {
   };
   // Once per tick in which a law ran.
   News watch(const Observed& tick) LITHE_RT;
+  // Once per tick in which none did. `fault`: the robot was stopped by one.
+  void rest(std::uint32_t joints, bool fault) LITHE_RT;
 
  private:
   struct Term {
@@ -108,6 +116,12 @@ class Probation {
   };
 
   bool catching_up(const Tick& in) const LITHE_RT { return in.t_ns < catching_up_ns_; }
+  bool coming_back(const Tick& in) const LITHE_RT { return !back_ && in.t_ns < found_until_ns_; }
+  double allowed_rad(std::uint32_t j) const LITHE_RT;
+  bool stays_within(const Tick& in) const LITHE_RT;
+  void find(const Tick& in) LITHE_RT;
+  void forget_unproven() LITHE_RT;
+  void see_pauses(const Observed& tick) LITHE_RT;
   void compare_from_here() LITHE_RT;
   void compare_errors_from_here() LITHE_RT;
   wire::LawFaultKind find_fault(const Observed& tick, Evidence& evidence) const LITHE_RT;
@@ -130,12 +144,13 @@ class Probation {
   law::Terms terms_;
   Term law_, params_;
   std::uint64_t params_request_id_ = 0;  // of the command whose parameters are on probation
-  bool measure_stands_ = false;          // the time before the first of the unproven laws that came one after the other
   double error_ratio_ = 0;
   std::uint32_t long_steps_ = 0;
   JointArray error_before_rad_{};
-  std::int64_t found_until_ns_ = 0;  // until then the errors may be these
+  bool back_ = true;                 // since found_rad_ was taken, every joint was within the measure
+  std::int64_t found_until_ns_ = 0;  // until then, and while not back_, the errors may be these
   JointArray found_rad_{};
+  bool soft_start_ = false;  // in the tick before
   JointArray clamped_before_{};
 };
 

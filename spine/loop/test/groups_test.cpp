@@ -130,6 +130,27 @@ class Groups : public testing::Test, protected TickBench {
   ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events_{memory_->events_tick};
 };
 
+// Its last velocity stays in every sample.
+TEST_F(Groups, ALegThatWasLostInMotionConfirmsNoLaw) {
+  arm_with(kBoth);
+  const auto lost = [&](int count) {
+    for (int i = 0; i < count; ++i) {
+      tick(false);
+      actuators_->cycle(handover_.command(), handover_.sample(), now_ns_);
+      handover_.sample().status[kLeg] |= wire::joint_status::kLost;
+      handover_.sample().velocity_rad_s[kLeg] = 3;
+      handover_.finish();
+    }
+  };
+  lost(100);
+  terms_.probation_ticks = 200;
+  stage(kBoth);
+  lost(400);
+  ASSERT_EQ(slot_.active()->law_id, 2u);
+  EXPECT_EQ(last_event(wire::EventKind::law_confirmed), "");
+  EXPECT_NE(last_event(wire::EventKind::law_unproven), "");
+}
+
 TEST_F(Groups, ALegThatIsLostIsTheSafeLawsAndTheArmGoesOn) {
   arm_with(kBoth);
   live(50);

@@ -9,9 +9,9 @@
 namespace lithe::loop {
 namespace {
 
-struct Rig : RecoverBench {
-  Rig(double rate_hz, const std::vector<JointText>& joints) : Rig(robot_of(rate_hz, joints)) {}
-  explicit Rig(const robot::RobotConfig& robot) : RecoverBench(robot) {
+struct RecoverRig : RecoverBench {
+  RecoverRig(double rate_hz, const std::vector<JointText>& joints) : RecoverRig(robot_of(rate_hz, joints)) {}
+  explicit RecoverRig(const robot::RobotConfig& robot) : RecoverBench(robot) {
     stage(kPdAll);
     ticks(8);
   }
@@ -49,7 +49,7 @@ std::vector<Case> cases() {
 
 TEST(Recover, BringsEveryJointInsideSlowlyWithLittleTorqueAndThenTheRobotCanBeArmed) {
   for (const Case& each : cases()) {
-    Rig rig(each.rate_hz, each.joints);
+    RecoverRig rig(each.rate_hz, each.joints);
     const std::string where = fmt::format("{} Hz, joint 0 from {}", each.rate_hz, each.joints[0].start_rad);
     ASSERT_EQ(rig.send(CommandKind::arm), CommandResult::refused_outside) << where;
     ASSERT_EQ(rig.mode(), Mode::disarmed);
@@ -77,7 +77,7 @@ TEST(Recover, BringsEveryJointInsideSlowlyWithLittleTorqueAndThenTheRobotCanBeAr
 }
 
 TEST(Recover, NoLawRunsMeanwhileAndTheTorqueNeverJumps) {
-  Rig rig(1000, {{1, 2, 0}});
+  RecoverRig rig(1000, {{1, 2, 0}});
   const double before = rig.steps();
   ASSERT_EQ(rig.send(CommandKind::recover), CommandResult::done);
   double last_nm = rig.record_.command_torque_nm[0];
@@ -90,7 +90,7 @@ TEST(Recover, NoLawRunsMeanwhileAndTheTorqueNeverJumps) {
 }
 
 TEST(Recover, ALoadAboveItsTorqueEndsInTheSafeStopWithJointAndReason) {
-  Rig rig(1000, {{-3, 3, 0}, {1, 2, 0, 0.5}});  // 0.42 Nm at 1 rad, of 0.3
+  RecoverRig rig(1000, {{-3, 3, 0}, {1, 2, 0, 0.5}});  // 0.42 Nm at 1 rad, of 0.3
   ASSERT_EQ(rig.send(CommandKind::recover), CommandResult::done);
   ASSERT_TRUE(rig.finish_recovery(60));
   EXPECT_EQ(rig.mode(), Mode::safe_stop);
@@ -105,7 +105,7 @@ TEST(Recover, ALoadAboveItsTorqueEndsInTheSafeStopWithJointAndReason) {
 
 TEST(Recover, TheEstopWinsAtAnyTime) {
   for (const int after : {1, 20, 700}) {
-    Rig rig(1000, {{1, 2, 0}});
+    RecoverRig rig(1000, {{1, 2, 0}});
     ASSERT_EQ(rig.send(CommandKind::recover), CommandResult::done);
     rig.ticks(after);
     rig.control_memory_->estop.value = 1;
@@ -117,7 +117,7 @@ TEST(Recover, TheEstopWinsAtAnyTime) {
 }
 
 TEST(Recover, AnyOtherFaultEndsIt) {
-  Rig rig(1000, {{1, 2, 0}});
+  RecoverRig rig(1000, {{1, 2, 0}});
   ASSERT_EQ(rig.send(CommandKind::recover), CommandResult::done);
   rig.ticks(100);
   for (int i = 0; i < 8; ++i) rig.tick(false);  // the bus is late
@@ -138,7 +138,7 @@ TEST(Recover, AnyOtherFaultEndsIt) {
 TEST(Recover, AJointThatRunsBeyondIsHeldAndNeedNotFallFirst) {
   robot::RobotConfig undeclared = robot_of(1000, {{-3, 3, 0.5}});
   undeclared.joints[0].inertia_max_kg_m2 = 0;
-  Rig rig(undeclared);
+  RecoverRig rig(undeclared);
   ASSERT_EQ(rig.send(CommandKind::arm), CommandResult::done);
   rig.stage(kPushUp);
   for (int i = 0; i < 2000 && rig.mode() == Mode::active; ++i) rig.tick();
@@ -153,7 +153,7 @@ TEST(Recover, AJointThatRunsBeyondIsHeldAndNeedNotFallFirst) {
 }
 
 TEST(SimReset, PutsTheJointsBackWhereTheyBegan) {
-  Rig rig(1000, {{-3, 3, 0.5}, {-3, 3, -1.0}});
+  RecoverRig rig(1000, {{-3, 3, 0.5}, {-3, 3, -1.0}});
   rig.ticks(2000);
   ASSERT_GT(std::abs(rig.record_.position_rad[1] + 1.0), 0.3) << "it has fallen";
   ASSERT_EQ(rig.send(CommandKind::sim_reset), CommandResult::done);
@@ -164,7 +164,7 @@ TEST(SimReset, PutsTheJointsBackWhereTheyBegan) {
 }
 
 TEST(SimReset, IsRefusedWhileDrivesAreOnAndOnRealBuses) {
-  Rig rig(1000, {{-3, 3, 0.5}});
+  RecoverRig rig(1000, {{-3, 3, 0.5}});
   ASSERT_EQ(rig.send(CommandKind::arm), CommandResult::done);
   EXPECT_EQ(rig.send(CommandKind::sim_reset), CommandResult::refused_mode);
   EXPECT_EQ(rig.send(CommandKind::disarm), CommandResult::done);

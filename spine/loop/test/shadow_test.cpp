@@ -85,7 +85,7 @@ TEST_F(LawsTest, AShadowHasATimeOfItsOwnThatGoesOnAfterItsPromotion) {
 }
 
 TEST_F(LawsTest, AShadowWhoseTorqueNoNumberHoldsIsRefused) {
-  arm_with(kHuge);  // the same as the candidate's: infinite, and the difference not a number
+  arm_with(kPd);
   terms_.shadow_ticks = 20;
   terms_.shadow_tolerance_nm = 0.1;
   stage(kHuge);
