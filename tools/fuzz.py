@@ -64,7 +64,7 @@ def main() -> int:
     """Run what was asked for, some at a time; all of them, whatever one finds."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("targets", nargs="*", metavar="TARGET", help="all, if none is named")
-    parser.add_argument("--seconds", type=float, default=5, help="of fuzzing for each, after its seeds (default 5)")
+    parser.add_argument("--seconds", type=float, default=2, help="of fuzzing for each, after its seeds (default 2)")
     parser.add_argument("--jobs", type=int, default=min(4, len(os.sched_getaffinity(0))), help="so many at a time")
     args = parser.parse_args()
     known = targets(BUILD)

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A failed test runs again after stolen time, and only then."""
+"""A failed test runs again after stolen time, and only then; a run in the background is one like any other."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import stolen_time
 
 pytest_plugins = ["pytester"]
+ROOT = Path(__file__).parents[2]
 
 FLAKY = """
 import pathlib, pytest
@@ -86,3 +89,12 @@ def test_stolen_time_is_read_from_proc_stat(tmp_path: Path) -> None:
     stat = tmp_path / "stat"
     stat.write_text("cpu  10 20 30 40 50 60 70 80 90 100\ncpu0 1 1 1 1 1 1 1 1 1 1\n")
     assert stolen_time.stolen_s(stat) == pytest.approx(80 / os.sysconf("SC_CLK_TCK"))
+
+
+def test_what_the_tests_start_can_be_interrupted() -> None:
+    """Else a test of Ctrl-C, or of a lost terminal, waits for a program that ignores it."""
+    said = "import conftest, signal as s; print(s.getsignal(s.SIGINT) is s.default_int_handler, s.getsignal(s.SIGHUP))"
+    ignoring = ["sh", "-c", 'trap "" INT HUP; exec "$@"', "sh", sys.executable, "-c", said]
+    paths = {"PYTHONPATH": f"{ROOT}:{ROOT / 'tests'}"}
+    done = subprocess.run(ignoring, capture_output=True, text=True, env=paths, cwd=ROOT, timeout=60, check=True)
+    assert done.stdout.split() == ["True", "0"], done.stdout
