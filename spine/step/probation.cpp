@@ -135,8 +135,8 @@ Probation::News Probation::watch(const Observed& tick) LITHE_RT {
   if (!on()) return news;
   news.kind = find_fault(tick, news.evidence);
   if (news.kind != LawFaultKind::none) return news;
-  const bool moves = in_motion(tick) && !catching_up(tick.in) && !coming_back(tick.in), law_was = law_.unproven(),
-             params_were = params_.unproven();
+  if (catching_up(tick.in)) return news;
+  const bool moves = in_motion(tick), law_was = law_.unproven(), params_were = params_.unproven();
   news.law_confirmed = law_.count(moves);
   news.params_confirmed = params_.count(moves);
   news.law_unproven = law_.unproven() && !law_was;
