@@ -43,14 +43,3 @@ def test_a_process_that_grows_is_seen_and_one_that_only_warms_up_is_not(lives: i
     breaks(lambda: growth.judged({"supervisor_rss_kb": grown(30_000, seconds=2400)}))
     fds = {"supervisor_fds": [(1, t, 20.0 + t // 60) for t in range(0, 1200, 5)]}
     assert "supervisor_fds" in breaks(lambda: growth.judged(fds))
-
-
-def test_memory_may_make_one_step_in_a_life_and_no_second_one() -> None:
-    def stepping(*at_s: int) -> list[growth.Sample]:
-        return [(life, t, value + 5_000.0 * sum(t > at for at in at_s)) for life, t, value in grown(0, seconds=2400)]
-
-    told = growth.judged({"spine_rss_kb": stepping(1000)})["spine_rss_kb"]
-    assert told["step"] == pytest.approx(5_000, rel=0.1), "the report has it"
-    assert "spine_rss_kb grows" in breaks(lambda: growth.judged({"spine_rss_kb": stepping(800, 1600)}))
-    segments = [(0, float(t), 3.0 + (t > 1000)) for t in range(0, 2400, 5)]
-    assert "segments" in breaks(lambda: growth.judged({"segments": segments})), "of memory only"
