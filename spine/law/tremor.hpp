@@ -133,17 +133,25 @@ class Tremor {
   }
 
   // Instead of see(), for a joint that the law does not drive now: what it did is forgotten in the same time.
-  // `at_once`: now.
-  void skip(std::uint32_t j, bool at_once = false) LITHE_RT {
+  void skip(std::uint32_t j) LITHE_RT {
     Joint& joint = joints_[j];
-    joint.chatter_hz *= at_once ? 0.0 : forget_chatter_;
-    joint.most_swing_rad_s *= at_once ? 0.0 : forget_;
+    joint.chatter_hz *= forget_chatter_;
+    joint.most_swing_rad_s *= forget_;
     joint.most_asked_rad_s *= forget_;
     joint.swings = 0;
   }
 
-  // A law starts, and the measure stays. The shaking of the law before it does not count, but two swings more, or twice
-  // the time that chatter needs otherwise, do: else laws that come fast enough shake a joint for ever.
+  // Instead of see(), while no law runs: what was before start() is forgotten, too. `at_once`: all of it now.
+  void rest(std::uint32_t j, bool at_once) LITHE_RT {
+    Joint& joint = joints_[j];
+    skip(j);
+    joint.chatter_before_hz *= at_once ? 0.0 : forget_chatter_;
+    joint.swing_before_rad_s *= at_once ? 0.0 : forget_;
+    if (at_once) joint.chatter_hz = joint.most_swing_rad_s = 0;
+  }
+
+  // A law starts, and the measure stays. Of the swings of the law before it so many count that two more are too many,
+  // of its chatter half of what is allowed: else laws that come fast enough shake a joint for ever.
   void hand_on() LITHE_RT {
     for (Joint& joint : joints_) {
       joint.chatter_hz = std::min(joint.chatter_hz, 0.5 * chatter_hz_);
@@ -154,6 +162,7 @@ class Tremor {
   // The law that ran since start() was taken back: all is as it was then.
   void restore() LITHE_RT {
     for (Joint& joint : joints_) {
+      joint.torque = joint.velocity = {};
       joint.most_swing_rad_s = joint.swing_before_rad_s;
       joint.chatter_hz = joint.chatter_before_hz;
       joint.swings = 0;

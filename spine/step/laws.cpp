@@ -158,7 +158,7 @@ Laws::Back Laws::step_back() LITHE_RT {
   }
   law::FieldBits mended = 0;
   const bool back = slot_.rollback(law::Carry::none, 1, &mended);
-  probation_.start(*slot_.active(), in_);  // without another law, the same one runs after a reset
+  probation_.start(*slot_.active(), in_, true);  // without another law, the same one runs after a reset
   if (!back) return Back::nowhere;
   report_.flags |= flag::kRolledBack;
   begin_law(0);
@@ -226,6 +226,15 @@ void Laws::report(wire::LawFault& fault, std::uint32_t to_law_id, std::int64_t t
   report_.event(EventKind::law_faulted, fault.kind, fault.request_id, static_cast<double>(fault.took_ns) * 1e-3, why);
 }
 
+// A plan asks the joint to where the guard weakens the torque that every law needs there, and there it is.
+bool Laws::asked_into_soft_stop(std::uint32_t j, double torque_nm) const LITHE_RT {
+  const robot::JointConfig& joint = robot_.joints[j];
+  const double soft_rad = robot_.guard.soft_stop_rad, asked_rad = in_.setpoint_position_rad[j];
+  const double from_rad = joint.position_max_rad - soft_rad, to_rad = joint.position_min_rad + soft_rad;
+  return torque_nm > 0 ? std::min(asked_rad, in_.position_rad[j]) > from_rad
+                       : std::max(asked_rad, in_.position_rad[j]) < to_rad;
+}
+
 void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
   if (slot_.active() == nullptr) return;
   // The guard has just stopped joints because of this law: it must not be the law that runs after the reset.
@@ -236,24 +245,23 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
     return replace({.kind = LawFaultKind::guard_stopped, .evidence = {.joint = stopped->joint}});
   if (!mode_.law_runs()) return probation_.rest(in_.joints, mode_.fault() != wire::Fault::none);
   const bool soft_start = (verdict.flags & flag::kSoftStarting) != 0;
-  const double soft_stop_rad = robot_.guard.soft_stop_rad;
   if (probation_.on()) report_.flags |= flag::kOnProbation;
   if (probation_.of_params()) report_.flags |= flag::kParamsOnProbation;
   JointArray torque_nm;
   std::array<std::uint32_t, kMaxJoints> clamped{};
   std::array<bool, kMaxJoints> joint_stopped{};
+  bool held_back = false;
   for (std::uint32_t j = 0; j < in_.joints; ++j) {
     torque_nm[j] = wanted_nm(effort_, in_, j);
     joint_stopped[j] = guard_.stopped(j);
     clamped[j] = guard_.law_flags(j) & Probation::kClamped;
-    if (soft_start) clamped[j] &= ~flag::kTorqueClamped;  // of the start, not the law
-    const robot::JointConfig& joint = robot_.joints[j];
-    const double asked_rad = in_.setpoint_position_rad[j];
-    const bool asked_there =
-        asked_rad > joint.position_max_rad - soft_stop_rad || asked_rad < joint.position_min_rad + soft_stop_rad;
-    if (asked_there) clamped[j] &= ~flag::kPositionClamped;  // of the plan: there the guard weakens every law
+    if (soft_start && (clamped[j] & flag::kTorqueClamped) != 0) {
+      held_back = true;
+      clamped[j] &= ~flag::kTorqueClamped;  // of the start, not the law
+    }
+    if (asked_into_soft_stop(j, torque_nm[j])) clamped[j] &= ~flag::kPositionClamped;  // of the plan
   }
-  const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, clamped, joint_stopped, soft_start});
+  const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, clamped, joint_stopped, held_back});
   if (probation_.unproven()) report_.flags |= flag::kUnproven;
   tell_probation(news);
   if (news.kind != LawFaultKind::none) replace(news);

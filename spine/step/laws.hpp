@@ -78,6 +78,7 @@ class Laws {
   enum class Back : std::uint8_t { nowhere, params, law };
 
   Run run(law::Resident& law, Effort& effort, Host& host) LITHE_RT;
+  bool asked_into_soft_stop(std::uint32_t j, double torque_nm) const LITHE_RT;
   std::size_t not_finite_at(const Effort& effort) const LITHE_RT;
   bool fall_back(const Run& first, Host& host) LITHE_RT;
   void replace(const Probation::News& why) LITHE_RT;

@@ -207,7 +207,7 @@ CommandResult Laws::roll_back(const wire::Command& command) LITHE_RT {
   law::FieldBits mended = 0;
   slot_.rollback(law::Carry::named, steps, &mended);
   report_.flags |= flag::kRolledBack;
-  probation_.start(*slot_.active(), in_);
+  probation_.start(*slot_.active(), in_, true);
   begin_law(blend_ticks);
   tell_not_carried(*slot_.active(), mended);
   report_.event(EventKind::law_rolled_back, slot_.active()->law_id, command.request_id, steps,

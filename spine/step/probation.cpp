@@ -14,12 +14,13 @@ constexpr double kGuardMemoryS = 0.2;  // a setpoint step may saturate a good la
 constexpr double kBusy = 0.8, kCalm = 0.4;
 constexpr double kHandedOn = 0.6;  // at most so much of the guard's share counts for the next law of a row
 constexpr auto kCatchUpNs = static_cast<std::int64_t>(1e9 * Probation::kCatchUpS);
+constexpr std::int64_t kLongestReturnNs = 1'000'000'000;
 
 double error_rad(const Tick& in, std::uint32_t j) LITHE_RT {
   return std::abs(in.setpoint_position_rad[j] - in.setpoint_velocity_rad_s[j] * in.sample_age_s - in.position_rad[j]);
 }
 
-// What is left of it when the joint brakes for kCatchUpS.
+// The largest error on the way, when the joint comes evenly to the setpoint's velocity within kCatchUpS.
 double found_rad(const Tick& in, std::uint32_t j) LITHE_RT {
   const double drift_rad_s = std::abs(in.velocity_rad_s[j] - in.setpoint_velocity_rad_s[j]);
   return error_rad(in, j) + 0.5 * drift_rad_s * Probation::kCatchUpS;
@@ -48,13 +49,13 @@ void Probation::configure(const robot::RobotConfig& robot) {
     tremor_.configure(robot.rate_hz, j, {robot.joints[j].torque_max_nm, robot.joints[j].velocity_max_rad_s});
 }
 
-void Probation::start(const law::Resident& law, const Tick& in) LITHE_RT {
+void Probation::start(const law::Resident& law, const Tick& in, bool again) LITHE_RT {
   const bool stands = on();
   terms_ = law.terms;
   law_ = params_ = {};
   if (!law.unproven) {
-    if (stands) forget_unproven();
-    return find(in);
+    if (stands) forget_unproven(in);
+    return find(in, again);
   }
   law_.start(terms_.probation_ticks);
   if (!stands) {
@@ -66,13 +67,13 @@ void Probation::start(const law::Resident& law, const Tick& in) LITHE_RT {
     tremor_.hand_on();
   }
   error_ratio_ = terms_.probation_error_ratio;
-  find(in);
+  find(in, again);
 }
 
 void Probation::start_params(std::uint64_t request_id, const Tick& in) LITHE_RT {
   if (of_law()) {
     law_.start(law_.ticks);
-    return find(in);
+    return find(in, false);
   }
   params_request_id_ = request_id;
   // Several changes in a row are compared with the time before the first of them.
@@ -82,38 +83,43 @@ void Probation::start_params(std::uint64_t request_id, const Tick& in) LITHE_RT 
     error_ratio_ = params_error_ratio_;
     compare_from_here();
   }
-  find(in);
+  find(in, false);
 }
 
 void Probation::end_params(const Tick& in) LITHE_RT {
   params_ = {};
-  forget_unproven();
-  find(in);
+  forget_unproven(in);
+  find(in, true);
 }
 
-double Probation::allowed_rad(std::uint32_t j) const LITHE_RT {
-  return error_ratio_ * std::max(error_before_rad_[j], kLeastErrorRad);
+double Probation::before_rad(std::uint32_t j) const LITHE_RT { return std::max(error_before_rad_[j], kLeastErrorRad); }
+
+// A joint is beyond the measure. (Of one that is stopped, nothing is known.)
+bool Probation::beyond(const Tick& in) const LITHE_RT {
+  bool is = false;
+  for (std::uint32_t j = 0; j < in.joints; ++j) is |= !stopped_[j] && error_rad(in, j) > error_ratio_ * before_rad(j);
+  return is && error_ratio_ > 0;
 }
 
-// Every joint will be within the measure.
-bool Probation::stays_within(const Tick& in) const LITHE_RT {
-  if (!(error_ratio_ > 0)) return true;
-  bool within = true;
-  for (std::uint32_t j = 0; j < in.joints; ++j) within &= found_rad(in, j) <= allowed_rad(j);
-  return within;
+// Every joint is as near to its setpoint as before, and stays there.
+bool Probation::is_back(const Tick& in) const LITHE_RT {
+  bool is = true;
+  for (std::uint32_t j = 0; j < in.joints; ++j) is &= stopped_[j] || found_rad(in, j) <= before_rad(j);
+  return is;
 }
 
-void Probation::find(const Tick& in) LITHE_RT {
-  if (!back_) return;
-  back_ = stays_within(in);
+void Probation::find(const Tick& in, bool again) LITHE_RT {
+  if (put_back_ || (!again && beyond(in))) return;
+  put_back_ = again && on();
   found_until_ns_ = in.t_ns + kCatchUpNs;
-  for (std::uint32_t j = 0; j < in.joints; ++j) found_rad_[j] = found_rad(in, j);
+  for (std::uint32_t j = 0; j < in.joints; ++j) found_rad_[j] = stopped_[j] ? 0.0 : found_rad(in, j);
 }
 
-void Probation::forget_unproven() LITHE_RT {
+void Probation::forget_unproven(const Tick& in) LITHE_RT {
   most_error_rad_ = error_before_rad_;
   clamped_share_ = clamped_before_;
   tremor_.restore();
+  returning_until_ns_ = in.t_ns + kLongestReturnNs;
 }
 
 void Probation::compare_from_here() LITHE_RT {
@@ -135,7 +141,7 @@ Probation::News Probation::watch(const Observed& tick) LITHE_RT {
   if (!on()) return news;
   news.kind = find_fault(tick, news.evidence);
   if (news.kind != LawFaultKind::none) return news;
-  if (catching_up(tick.in)) return news;
+  if (catching_up(tick.in) || beyond(tick.in)) return news;
   const bool moves = in_motion(tick), law_was = law_.unproven(), params_were = params_.unproven();
   news.law_confirmed = law_.count(moves);
   news.params_confirmed = params_.count(moves);
@@ -160,7 +166,8 @@ LawFaultKind Probation::find_fault(const Observed& tick, Evidence& evidence) con
 bool Probation::tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE_RT {
   if (!(error_ratio_ > 0) || catching_up(in)) return false;
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    const double allowed = coming_back(in) ? std::max(allowed_rad(j), found_rad_[j]) : allowed_rad(j);
+    const double found = in.t_ns < found_until_ns_ ? found_rad_[j] : 0.0;
+    const double allowed = std::max(error_ratio_ * before_rad(j), found);
     evidence = {.joint = j, .value = error_rad(in, j), .allowed = allowed};
     if (evidence.value > allowed) return true;
   }
@@ -178,28 +185,27 @@ bool Probation::guard_is_busy(const Observed& tick, Evidence& evidence) const LI
 void Probation::see_pauses(const Observed& tick) LITHE_RT {
   const Tick& in = tick.in;
   const bool unsampled = (in.flags & kSampleStale) != 0 && in.sample_age_s * 1e9 >= static_cast<double>(pause_ns_);
-  if ((last_ns_ > 0 && in.t_ns - last_ns_ >= pause_ns_) || unsampled) {
+  if ((last_ns_ > 0 && in.t_ns - last_ns_ >= pause_ns_) || unsampled || tick.soft_start) {
     if (!catching_up(in)) paused_rad_.fill(0.0);
     catching_up_ns_ = in.t_ns + kCatchUpNs;
   }
   last_ns_ = in.t_ns;
-  if (tick.soft_start) catching_up_ns_ = std::max(catching_up_ns_, in.t_ns + 1);
-  if (soft_start_ && !tick.soft_start) find(in);
-  soft_start_ = tick.soft_start;
-  if (!back_) back_ = on() ? stays_within(in) : in.t_ns >= found_until_ns_;
+  stopped_ = tick.stopped;
+  if (!beyond(in)) put_back_ = false;
+  if (!on() && is_back(in)) returning_until_ns_ = 0;
 }
 
 void Probation::remember(const Observed& tick) LITHE_RT {
   see_pauses(tick);
-  const bool counts = !catching_up(tick.in), coming = coming_back(tick.in);
+  const bool counts = !catching_up(tick.in), returns = !on() && tick.in.t_ns < returning_until_ns_;
   for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
     const double off_rad = error_rad(tick.in, j);
     if (!counts) paused_rad_[j] = std::max(paused_rad_[j], off_rad);
-    if (counts && !coming) most_error_rad_[j] = std::max(off_rad, most_error_rad_[j] * forget_error_);
+    const bool excused = on() && error_ratio_ > 0 && off_rad > error_ratio_ * before_rad(j);
+    if (counts && !returns && !excused) most_error_rad_[j] = std::max(off_rad, most_error_rad_[j] * forget_error_);
     const double clamped = tick.clamped[j] != 0 ? 1.0 : 0.0;
-    if (!coming) clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
-    const bool shakes_itself = !tick.stopped[j] && (on() || !coming);
-    shakes_itself ? tremor_.see(tick.in, j, tick.torque_nm[j]) : tremor_.skip(j);
+    if (!returns && !excused) clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
+    tick.stopped[j] || returns ? tremor_.skip(j) : tremor_.see(tick.in, j, tick.torque_nm[j]);
   }
   const bool too_long = terms_.budget_ns > 0 && tick.law_ns > terms_.budget_ns;
   long_steps_ = too_long ? long_steps_ + 1 : 0;
@@ -207,11 +213,14 @@ void Probation::remember(const Observed& tick) LITHE_RT {
 
 void Probation::rest(std::uint32_t joints, bool fault) LITHE_RT {
   for (std::uint32_t j = 0; j < joints; ++j) {
-    most_error_rad_[j] *= fault ? 0.0 : forget_error_;
-    clamped_share_[j] *= fault ? 0.0 : forget_guard_;
-    tremor_.skip(j, fault);
+    const double kept = fault ? 0.0 : forget_error_, kept_guard = fault ? 0.0 : forget_guard_;
+    most_error_rad_[j] *= kept;
+    error_before_rad_[j] *= kept;
+    clamped_share_[j] *= kept_guard;
+    clamped_before_[j] *= kept_guard;
+    tremor_.rest(j, fault);
   }
-  soft_start_ = false;
+  paused_rad_.fill(0.0);
 }
 
 }  // namespace lithe::step

@@ -26,15 +26,17 @@ namespace lithe::step {
 //   budget      the step took longer than allowed kMostLong times in a row; a single time may be the machine's fault
 // Only ticks in which the robot moves, or should move, count for the duration. A robot at rest proves nothing.
 //
-// The time before the commit is that in which nothing was on probation. What a law, or values, on probation did is
-// never a measure for those that follow, whether they come one after the other or after a rollback.
-// A law that begins to run may find a joint far off and moving away, through the law before it. For kCatchUpS the error
-// may then grow to what even braking in that time leaves, and is not remembered. No law after it may do so until every
-// joint was back.
-// While the setpoint goes on without the law, no tracking error is judged or remembered, and no tick counts: when the
-// machine stopped the tick, or the bus the exchange, for kPauseS (at least 3.5 periods), and for kCatchUpS after that;
-// while the torque grows after arming (soft_start_s). The guard's limits hold all the time. For a law committed in this
-// time, the errors since it began also count as errors before its commit.
+// The time before the commit is that in which nothing was on probation. What a law, or values, on probation did is no
+// measure for those that follow, whether they come one after the other or after a rollback; but for errors that were
+// not judged (error_ratio 0), which the next law finds. After a rollback nothing is remembered until every joint is
+// back.
+// A law that begins to run may find a joint on its way out, through the law before it: for kCatchUpS the error may grow
+// as far as a joint goes that brakes evenly in that time. A law that comes, or is put back a second time, while a joint
+// is beyond the measure gets no more time than is left. Beyond the measure no tick counts.
+// While the setpoint goes on without the law, and for kCatchUpS after that, no tracking error is judged or remembered,
+// and no tick counts: when the machine stopped the tick, or the bus the exchange, for kPauseS (at least 3.5 periods);
+// while no law ran; while the guard limits the torque of the soft start. The guard's limits hold all the time. For a
+// law committed in this time, the errors since it began also count as errors before its commit.
 // While no law runs, the time before is forgotten as fast as otherwise; after a fault, at once.
 // Parameters of an unconfirmed law get no probation of their own: they are judged with the law.
 // Contract: RT · owned by the tick thread · bounded work per joint
@@ -53,8 +55,9 @@ class Probation {
 
   void configure(const robot::RobotConfig& robot);
 
-  // `law` runs from now on, and is on probation if it is unproven. `in`: what the law before it saw last.
-  void start(const law::Resident& law, const Tick& in) LITHE_RT;
+  // `law` runs from now on, and is on probation if it is unproven. `in`: what the law before it saw last. `again`: it
+  // ran before, and the one after it was taken back.
+  void start(const law::Resident& law, const Tick& in, bool again) LITHE_RT;
   // To be called when this command has set parameters of the active law. The new values are compared in the same way,
   // for probation_s of the robot file. If the law itself is on probation, its probation starts again, and law and
   // values are judged together.
@@ -75,7 +78,7 @@ class Probation {
     std::int64_t law_ns;
     std::array<std::uint32_t, kMaxJoints> clamped;  // per joint: kClamped bits of what the guard did to the law
     std::array<bool, kMaxJoints> stopped;           // joints that the law does not drive: their setpoint follows them
-    bool soft_start;                                // the torque is still limited after arming
+    bool soft_start;                                // the guard limits a torque, because the robot was just armed
   };
   // What the guard clamps, of wire::telemetry_flag.
   static constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped |
@@ -116,11 +119,11 @@ class Probation {
   };
 
   bool catching_up(const Tick& in) const LITHE_RT { return in.t_ns < catching_up_ns_; }
-  bool coming_back(const Tick& in) const LITHE_RT { return !back_ && in.t_ns < found_until_ns_; }
-  double allowed_rad(std::uint32_t j) const LITHE_RT;
-  bool stays_within(const Tick& in) const LITHE_RT;
-  void find(const Tick& in) LITHE_RT;
-  void forget_unproven() LITHE_RT;
+  double before_rad(std::uint32_t j) const LITHE_RT;
+  bool is_back(const Tick& in) const LITHE_RT;
+  bool beyond(const Tick& in) const LITHE_RT;
+  void find(const Tick& in, bool again) LITHE_RT;
+  void forget_unproven(const Tick& in) LITHE_RT;
   void see_pauses(const Observed& tick) LITHE_RT;
   void compare_from_here() LITHE_RT;
   void compare_errors_from_here() LITHE_RT;
@@ -147,10 +150,11 @@ class Probation {
   double error_ratio_ = 0;
   std::uint32_t long_steps_ = 0;
   JointArray error_before_rad_{};
-  bool back_ = true;                 // since found_rad_ was taken, every joint was within the measure
-  std::int64_t found_until_ns_ = 0;  // until then, and while not back_, the errors may be these
+  std::int64_t found_until_ns_ = 0;  // until then the errors may be these
   JointArray found_rad_{};
-  bool soft_start_ = false;  // in the tick before
+  bool put_back_ = false;                   // a law was put back, and not every joint is within the measure since
+  std::int64_t returning_until_ns_ = 0;     // nothing is remembered, after a rollback until every joint is back
+  std::array<bool, kMaxJoints> stopped_{};  // in the last tick
   JointArray clamped_before_{};
 };
 

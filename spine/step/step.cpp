@@ -189,7 +189,7 @@ void Laws::commit(law::Resident& candidate, law::Carry carry) LITHE_RT {
   const bool follows = done.previous_id != 0;
   candidate.unproven = follows && candidate.terms.probation_ticks > 0;
   begin_law(follows ? candidate.terms.blend_ticks : 0);
-  probation_.start(candidate, in_);
+  probation_.start(candidate, in_, false);
   report_.flags |= flag::kSwapCommitted;
   // Before the commit's event: the supervisor answers the swap when it reads that, with the fields that it knows then.
   tell_not_carried(candidate, done.not_carried);

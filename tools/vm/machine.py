@@ -37,6 +37,9 @@ mount -t tmpfs none /dev/shm
 echo "vm: up" # on the line on which the firmware has left off
 ip link set lo up
 for module in {{modules}}; do insmod /{TOOLS}/$module.ko || echo "vm: no $module"; done
+# At first the kernel still measures the counter of the processor: two readers would see two clock sources.
+clock=/sys/devices/system/clocksource/clocksource0/current_clocksource
+for try in $(seq 50); do grep -q early $clock || break; sleep 0.1; done
 . /{TOOLS}/steps.sh
 . /{TOOLS}/script.sh
 poweroff -f

@@ -89,6 +89,23 @@ TEST_F(BlameTest, ABadLawIsFoundAfterTheSoftStart) {
   EXPECT_EQ(slot_.active()->law_id, 1u);
 }
 
+TEST_F(BlameTest, ALawThatTheSoftStartDoesNotLimitIsJudgedInIt) {
+  robot_.guard.soft_start_s = 2;
+  use_cell(nullptr);
+  arm_with(kPd);
+  ticks(3000);
+  ASSERT_EQ(send(CommandKind::disarm), CommandResult::done);
+  ticks(500);
+  on_probation();
+  Beside<1>::off_rad = 0.25;
+  stage(kFirst);
+  ticks(3);
+  ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
+  ticks(1900);
+  EXPECT_NE(record_.flags & flag::kSoftStarting, 0u);
+  EXPECT_EQ(slot_.active()->law_id, 1u);
+}
+
 // 0.05 rad before the limit: in the guard's soft stop, where every outward torque is reduced.
 TEST_F(BlameTest, APlanThatEndsNearALimitIsNotBlamedOnTheLaw) {
   arm_with(kPd);

@@ -131,9 +131,9 @@ class Groups : public testing::Test, protected TickBench {
 };
 
 // Its last velocity stays in every sample.
-TEST_F(Groups, ALegThatWasLostInMotionConfirmsNoLaw) {
-  arm_with(kBoth);
-  const auto lost = [&](int count) {
+class LostInMotion : public Groups {
+ protected:
+  void lost(int count) {
     for (int i = 0; i < count; ++i) {
       tick(false);
       actuators_->cycle(handover_.command(), handover_.sample(), now_ns_);
@@ -141,7 +141,11 @@ TEST_F(Groups, ALegThatWasLostInMotionConfirmsNoLaw) {
       handover_.sample().velocity_rad_s[kLeg] = 3;
       handover_.finish();
     }
-  };
+  }
+};
+
+TEST_F(LostInMotion, ALegConfirmsNoLaw) {
+  arm_with(kBoth);
   lost(100);
   terms_.probation_ticks = 200;
   stage(kBoth);
@@ -149,6 +153,19 @@ TEST_F(Groups, ALegThatWasLostInMotionConfirmsNoLaw) {
   ASSERT_EQ(slot_.active()->law_id, 2u);
   EXPECT_EQ(last_event(wire::EventKind::law_confirmed), "");
   EXPECT_NE(last_event(wire::EventKind::law_unproven), "");
+}
+
+TEST_F(LostInMotion, ALegIsNoReasonToBlameTheLawBefore) {
+  arm_with(kBoth);
+  lost(100);
+  terms_.probation_ticks = 200, terms_.probation_error_ratio = 3;
+  stage(kBoth);
+  lost(400);
+  stage(kRunAway);
+  for (int i = 0; i < 300 && (i < 2 || slot_.active()->law_id == 3); ++i) lost(1);
+  ASSERT_EQ(slot_.active()->law_id, 2u);
+  lost(300);
+  EXPECT_EQ(slot_.active()->law_id, 2u);
 }
 
 TEST_F(Groups, ALegThatIsLostIsTheSafeLawsAndTheArmGoesOn) {

@@ -137,6 +137,25 @@ struct Huge {  // overflows the torque through the drive's own stiffness
   }
 };
 
+// Holds the joint beside the setpoint.
+template <int kNumber>
+struct Beside {
+  static inline double off_rad = 0;
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    u.torque_nm[0] = 4 * (t.setpoint_position_rad[0] + off_rad - t.position_rad[0]) - 0.1 * t.velocity_rad_s[0];
+  }
+};
+struct PushesLater {
+  static inline bool now = false;
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    u.torque_nm[0] = now ? 1.0 : 4 * (t.setpoint_position_rad[0] - t.position_rad[0]) - 0.1 * t.velocity_rad_s[0];
+  }
+};
+
 inline constexpr LitheLaw kLifted = describe<Lifted>("lifted");
 inline constexpr LitheLaw kLateNan = describe<LateNan>("late_nan");
 inline constexpr LitheLaw kCrash = describe<Crash>("crash");
@@ -150,6 +169,10 @@ inline constexpr LitheLaw kTuned = describe<Tuned>("tuned");
 inline constexpr LitheLaw kClock = describe<Clock>("clock");
 inline constexpr LitheLaw kRaise = describe<Raise>("raise");
 inline constexpr LitheLaw kHuge = describe<Huge>("huge");
+inline constexpr LitheLaw kFirst = describe<Beside<1>>("first");
+inline constexpr LitheLaw kSecond = describe<Beside<2>>("second");
+inline constexpr LitheLaw kPushesLater = describe<PushesLater>("pushes_later");
+inline constexpr double kAllowedRad = 3 * step::Probation::kLeastErrorRad;  // where error_ratio is 3
 
 class LawsTest : public TickTest {
  protected:

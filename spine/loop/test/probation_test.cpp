@@ -76,13 +76,13 @@ struct Lifts {
     u.torque_nm[0] = 0.165 * std::sin(t.position_rad[0]) + 0.3;
   }
 };
-const RawClock kClock = RawClock::calibrate(kNsPerMs);
+const RawClock kRawClock = RawClock::calibrate(kNsPerMs);
 struct Slow {  // takes 50 us
   struct Params {};
   struct State {};
   static void step(const Tick& t, const Params&, State&, Effort& u) {
-    const std::int64_t until_ns = kClock.now_ns() + 50'000;
-    while (kClock.now_ns() < until_ns) {
+    const std::int64_t until_ns = kRawClock.now_ns() + 50'000;
+    while (kRawClock.now_ns() < until_ns) {
     }
     u.torque_nm[0] = -0.2 * t.velocity_rad_s[0];
   }
@@ -93,8 +93,8 @@ struct SlowAndTuned {  // 50 us
   };
   struct State {};
   static void step(const Tick& t, const Params& p, State&, Effort& u) {
-    const std::int64_t end_ns = kClock.now_ns() + 50'000;
-    while (kClock.now_ns() < end_ns) {
+    const std::int64_t end_ns = kRawClock.now_ns() + 50'000;
+    while (kRawClock.now_ns() < end_ns) {
     }
     u.torque_nm[0] = 4 * (t.setpoint_position_rad[0] - t.position_rad[0]) - p.kd_nm_s_rad * t.velocity_rad_s[0];
   }
