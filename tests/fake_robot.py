@@ -122,7 +122,8 @@ class FakeRobot:
         return {"events": [{"kind": "law_faulted", "text": "NaN", "next": "divide by no 0"}, *self.told][-limit:]}
 
     def swap(self, source: str, name: str, **terms: Any) -> dict[str, Any]:
-        assert terms == {"probation_s": 2.0}
+        known = {"error_ratio": 0} if name.startswith("best_") else {}  # it ran before
+        assert terms == {"probation_s": 2.0} | known
         value = float(source.split("u.torque_nm[j] = ")[1].split(";")[0])
         if value < 0:
             self.last = {"source": name, "verdict": "refused", "reason": "wrong sign"}
