@@ -165,6 +165,7 @@ def their_master(our_drive: OurDrive) -> Iterator[BaseNode402]:
         node.nmt.add_heartbeat_callback(heard.append)  # their wait_for_bootup() may begin when it is over
         node.nmt.state = "RESET"
         wait_for(lambda: 0 in heard)
+        wait_for(lambda: answers(node.sdo))  # what was heard may be the boot-up from before the reset
         node.tpdo.read()
         node.rpdo.read()
         for pdo, objects, kind in ((node.tpdo[1], (0x6041, 0x6061), 1), (node.tpdo[2], (0x6064, 0x606C), 1)):
@@ -177,6 +178,17 @@ def their_master(our_drive: OurDrive) -> Iterator[BaseNode402]:
         node.nmt.state = "OPERATIONAL"
         yield node
         network.sync.stop()
+
+
+def answers(sdo: SdoClient) -> bool:
+    """Whether the node answers now: what it is asked before it resets is lost."""
+    sdo.RESPONSE_TIMEOUT = 0.5
+    try:
+        return sdo[0x1000].raw is not None
+    except canopen.SdoCommunicationError:
+        return False
+    finally:
+        sdo.RESPONSE_TIMEOUT = LONG_S
 
 
 def remap(pdo: canopen.pdo.PdoMap, objects: tuple[int, ...], kind: int) -> None:
