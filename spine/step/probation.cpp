@@ -61,7 +61,7 @@ void Probation::start(const law::Resident& law, const Tick& in, bool again) LITH
   if (!stands) {
     compare_from_here();
   } else {
-    if (!(error_ratio_ > 0)) compare_errors_from_here();  // they were not judged: the robot may be far off
+    if (!again && !(error_ratio_ > 0)) compare_errors_from_here();  // they were not judged: the robot may be far off
     long_steps_ = 0;
     for (double& share : clamped_share_) share = std::min(share, kHandedOn);
     tremor_.hand_on();
@@ -200,11 +200,11 @@ void Probation::remember(const Observed& tick) LITHE_RT {
   const bool counts = !catching_up(tick.in), returns = !on() && tick.in.t_ns < returning_until_ns_;
   for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
     const double off_rad = error_rad(tick.in, j);
-    if (!counts) paused_rad_[j] = std::max(paused_rad_[j], off_rad);
+    if (!counts && !on() && !returns) paused_rad_[j] = std::max(paused_rad_[j], off_rad);
     const bool excused = on() && error_ratio_ > 0 && off_rad > error_ratio_ * before_rad(j);
     if (counts && !returns && !excused) most_error_rad_[j] = std::max(off_rad, most_error_rad_[j] * forget_error_);
     const double clamped = tick.clamped[j] != 0 ? 1.0 : 0.0;
-    if (!returns && !excused) clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
+    if (!returns && !(excused && counts)) clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
     tick.stopped[j] || returns ? tremor_.skip(j) : tremor_.see(tick.in, j, tick.torque_nm[j]);
   }
   const bool too_long = terms_.budget_ns > 0 && tick.law_ns > terms_.budget_ns;

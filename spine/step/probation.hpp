@@ -29,7 +29,7 @@ namespace lithe::step {
 // The time before the commit is that in which nothing was on probation. What a law, or values, on probation did is no
 // measure for those that follow, whether they come one after the other or after a rollback; but for errors that were
 // not judged (error_ratio 0), which the next law finds. After a rollback nothing is remembered until every joint is
-// back.
+// back, for at most 1 s.
 // A law that begins to run may find a joint on its way out, through the law before it: for kCatchUpS the error may grow
 // as far as a joint goes that brakes evenly in that time. A law that comes, or is put back a second time, while a joint
 // is beyond the measure gets no more time than is left. Beyond the measure no tick counts.

@@ -368,9 +368,9 @@ def demo() -> dict[str, Any]:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     told = json.loads((out / "summary.json").read_text()) if (out / "summary.json").exists() else {}
     kept = ("verdict", "falls_short", "inconclusive", "stopped", "swaps", "freeze", "phases")
-    return {"code": done.returncode, "said": (done.stdout + done.stderr)[-3000:]} | {
-        name: told.get(name) for name in kept
-    }
+    incidents = [json.loads(path.read_text())["what"] for path in sorted(Path("/tmp").rglob("incidents/*.json"))]
+    said = {"code": done.returncode, "said": (done.stdout + done.stderr)[-3000:], "incidents": incidents[-20:]}
+    return said | {name: told.get(name) for name in kept}
 
 
 STEPS: dict[str, Callable[[], dict[str, Any]]] = {

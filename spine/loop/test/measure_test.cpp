@@ -130,6 +130,53 @@ TEST_F(Failing, OneWhoseErrorWasNotJudgedIsNoMeasureAfterItsRollback) {
   EXPECT_EQ(rolled_back(), 2u);
 }
 
+TEST_F(Failing, WhatItDidInAPauseIsNoMeasure) {
+  arm_with(kPd);
+  ticks(1500);
+  terms_.probation_error_ratio = 0;
+  Beside<2>::off_rad = 1;
+  stage(kSecond);
+  tick();
+  tick(true, 20);
+  ticks(100);
+  ASSERT_EQ(send(CommandKind::rollback), CommandResult::done);
+  ticks(100);
+  terms_.probation_error_ratio = 3;
+  Beside<1>::off_rad = 1.3 * kAllowedRad;
+  stage(kFirst);
+  until(1);
+  EXPECT_EQ(rolled_back(), 2u);
+}
+
+TEST_F(Failing, ALawThatIsPutBackKeepsItsMeasure) {
+  arm_with(kPd);
+  ticks(1500);
+  Beside<1>::off_rad = 0, Beside<2>::off_rad = 1;
+  stage(kFirst);
+  ticks(600);
+  terms_.probation_error_ratio = 0;
+  stage(kSecond);
+  ticks(600);
+  ASSERT_EQ(send(CommandKind::rollback), CommandResult::done);
+  ticks(400);
+  ASSERT_EQ(slot_.active()->law_id, 2u);
+  Beside<1>::off_rad = 1.3 * kAllowedRad;
+  until(1);
+}
+
+// A machine that stalls again and again: no tracking error is judged, but the guard is as busy as ever.
+TEST_F(Failing, TheGuardIsJudgedInPausesToo) {
+  arm_with(kPd);
+  ticks(1500);
+  stage(kPush);
+  for (int i = 0; i < 8 && (i == 0 || slot_.active()->law_id != 1); ++i) {
+    tick(true, 20);
+    for (int t = 0; t < 250 && (t == 0 || slot_.active()->law_id != 1); ++t) tick();
+  }
+  EXPECT_EQ(slot_.active()->law_id, 1u);
+  EXPECT_EQ(rolled_back(), 1u);
+}
+
 // In motion the joint is behind its setpoint when the bad law comes: that is not yet beyond the measure.
 TEST_F(Failing, AGoodUnprovenLawInMotionIsNotBlamedForTheBadOneAfterIt) {
   arm_with(kPd);
