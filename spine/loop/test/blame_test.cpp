@@ -11,6 +11,15 @@ namespace {
 class BlameTest : public LawsTest {
  protected:
   void on_probation() { terms_.probation_ticks = 1000, terms_.probation_error_ratio = 3; }
+  // Swaps it in while the robot is disarmed, then arms.
+  void stage_at_rest(const LitheLaw& law) {
+    ASSERT_EQ(send(CommandKind::disarm), CommandResult::done);
+    ticks(500);
+    on_probation();
+    stage(law);
+    ticks(3);
+    ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
+  }
   double off_rad() const { return std::abs(record_.setpoint_position_rad[0] - record_.position_rad[0]); }
 };
 
@@ -56,12 +65,7 @@ TEST_F(BlameTest, TheSoftStartIsNotBlamedOnTheLaw) {
   use_cell(nullptr);
   arm_with(kPd);
   ticks(3000);
-  ASSERT_EQ(send(CommandKind::disarm), CommandResult::done);
-  ticks(500);
-  on_probation();
-  stage(kPd);
-  ticks(3);
-  ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
+  stage_at_rest(kPd);
   publish(1.5, 500);
   double most_rad = 0;
   for (int i = 0; i < 2500; ++i) {
@@ -78,12 +82,7 @@ TEST_F(BlameTest, ABadLawIsFoundAfterTheSoftStart) {
   use_cell(nullptr);
   arm_with(kPd);
   ticks(1000);
-  ASSERT_EQ(send(CommandKind::disarm), CommandResult::done);
-  ticks(500);
-  on_probation();
-  stage(kLazy);
-  ticks(3);
-  ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
+  stage_at_rest(kLazy);
   publish(1.0, 300);
   live(500 + 301);
   EXPECT_EQ(slot_.active()->law_id, 1u);
@@ -94,13 +93,8 @@ TEST_F(BlameTest, ALawThatTheSoftStartDoesNotLimitIsJudgedInIt) {
   use_cell(nullptr);
   arm_with(kPd);
   ticks(3000);
-  ASSERT_EQ(send(CommandKind::disarm), CommandResult::done);
-  ticks(500);
-  on_probation();
   Beside<1>::off_rad = 0.25;
-  stage(kFirst);
-  ticks(3);
-  ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
+  stage_at_rest(kFirst);
   ticks(1900);
   EXPECT_NE(record_.flags & flag::kSoftStarting, 0u);
   EXPECT_EQ(slot_.active()->law_id, 1u);
