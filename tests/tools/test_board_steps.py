@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The steps that a board takes: which, and with what."""
+"""The steps that a board takes: which, with what, and on which cores of this computer."""
 
 import os
+import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
-from vm import board_systems, on_board
+from vm import board_systems, machine, on_board
 
 
 def test_a_step_that_a_board_has_not_is_refused() -> None:
@@ -28,3 +30,28 @@ def test_each_step_has_all_cores_also_after_a_brain(
     on_board.main()
     os.sched_setaffinity(0, cores)
     assert f'"cores": {len(cores)}' in capsys.readouterr().out
+
+
+EMULATOR = """
+import os, sys, threading
+def serve(core):
+    with open(f"/proc/self/task/{threading.get_native_id()}/comm", "w") as comm: comm.write(f"CPU {core}/TCG")
+    named.wait(); sys.stdin.read()
+named = threading.Barrier(5)
+for core in range(4): threading.Thread(target=serve, args=[core]).start()
+named.wait(); print(flush=True)
+"""
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="this computer has one core")
+def test_the_core_of_the_spine_is_emulated_apart_from_the_others() -> None:
+    cores = sorted(os.sched_getaffinity(0))
+    with subprocess.Popen([sys.executable, "-c", EMULATOR], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as emulator:
+        assert emulator.stdout is not None and emulator.stdout.readline() == b"\n"
+        machine.keep_apart(emulator.pid, 1)
+        threads = Path(f"/proc/{emulator.pid}/task").iterdir()
+        on = {(path / "comm").read_text().strip(): sorted(os.sched_getaffinity(int(path.name))) for path in threads}
+        emulator.communicate()
+    assert on.pop("CPU 1/TCG") == cores[-1:]
+    assert [on.pop(f"CPU {core}/TCG") for core in (0, 2, 3)] == [cores[:-1]] * 3
+    assert list(on.values()) == [cores], "the thread of the timers goes where it can run"
