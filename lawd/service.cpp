@@ -42,10 +42,10 @@ bool is_on(const json& request, const char* key, bool wanted) {
   return found != request.end() && found->is_boolean() ? found->get<bool>() : wanted;
 }
 
-// The time budget depends on the robot, so it is checked per request and not cached. Null when the law fits, or no
-// budget was given.
+// The time budget depends on the robot, so it is checked per request and not cached. Null when the law fits, no budget
+// was given, or there is no entry.
 json over_budget(const json& entry, const std::string& name, const json& budget_ns) {
-  if (budget_ns.is_null() || !entry.value("ok", false)) return nullptr;
+  if (budget_ns.is_null() || !entry.is_object() || !entry.value("ok", false)) return nullptr;
   const double step_ns = entry["dry_step_max_ns"], budget = budget_ns;
   if (step_ns <= budget) return nullptr;
   return refuse_whole(
@@ -143,7 +143,8 @@ json Service::compile(const json& request) {
   job.hash = sha256_hex(toolchain_.fingerprint() + rules + (job.dry_run ? "" : "not run") + job.source);
   const auto start = std::chrono::steady_clock::now();
   json reply = from_cache(job);
-  const bool cached = !reply.is_null();
+  // A time that was measured while the machine was disturbed must not refuse the law for ever: it is measured again.
+  const bool cached = !reply.is_null() && over_budget(reply, job.name, budget_ns).is_null();
   if (!cached) reply = build(job);
   if (json refused = over_budget(reply, job.name, budget_ns); !refused.is_null()) reply = std::move(refused);
   if (reply.value("ok", false)) reply["toolchain"] = toolchain_.to_json();

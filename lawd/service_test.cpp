@@ -19,6 +19,7 @@
 #include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/test/lawd_rig.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/test/emulation_rig.hpp"
 
 namespace lithe::lawd {
@@ -207,6 +208,35 @@ TEST_F(ServiceTest, LawThatIsNowAndThenTooSlowForTheRobotIsRefused) {
   EXPECT_GT(patient["dry_step_max_ns"], 20'000);
   EXPECT_FALSE(compile(service_, slow, "law.cpp", true, 20'000)["ok"]) << "from the cache too";
   EXPECT_TRUE(compile(service_, slow)["ok"]) << "no budget, no judgement";
+}
+
+TEST_F(ServiceTest, AStandstillOfTheMachineIsNoTimeOfTheLaw) {
+  const LawText law{.body = "static int calls = 0; if (++calls == 500) usleep(600'000);"};
+  const json request = {{"verb", "compile"},
+                        {"source", "extern \"C\" int usleep(unsigned);\n" + law.source()},
+                        {"joints", 2},
+                        {"admit", false},
+                        {"dry_run", false}};
+  const json made = ask(service_, request);
+  ASSERT_TRUE(made["ok"]) << made;
+  DryRun tried = dry_run(made["object"], 2);
+  for (int i = 0; i < 20 && tried.starved; ++i) tried = dry_run(made["object"], 2);
+  EXPECT_TRUE(tried.ok) << tried.reason;
+  EXPECT_LT(tried.step_ns, 600e6) << "only one of the repetitions stood still";
+}
+
+TEST_F(ServiceTest, ATimeThatWasMeasuredOnADisturbedMachineIsMeasuredAgain) {
+  const std::string source = LawText{}.source();
+  const json first_time = compile(service_, source);
+  ASSERT_TRUE(first_time["ok"]) << first_time;
+  const std::string path = cache_.path() + "/laws/" + std::string(first_time["hash"]) + ".json";
+  json entry = json::parse(read_file(path).value());
+  entry["dry_step_max_ns"] = 600e6;
+  ASSERT_EQ(write_file_whole(path, entry.dump()), "");
+  const json again = compile(service_, source, "law.cpp", true, 500'000'000);
+  EXPECT_TRUE(again["ok"]) << again;
+  EXPECT_FALSE(again["cached"]);
+  EXPECT_TRUE(compile(service_, source, "law.cpp", true, 500'000'000)["cached"]) << "the new time was kept";
 }
 
 TEST_F(ServiceTest, BudgetThatIsNoneIsRefused) {

@@ -12,6 +12,7 @@
 #include <cstdio>
 #include <limits>
 #include <memory>
+#include <numeric>
 #include <vector>
 
 #include "lawd/run/child.hpp"
@@ -27,7 +28,7 @@ namespace {
 using nlohmann::json;
 
 constexpr int kRepetitions = 5;
-constexpr std::int64_t kPatienceNs = 500'000'000;
+constexpr std::int64_t kPatienceNs = 500'000'000;  // the child has two seconds of the processor
 constexpr const char* kKindNames[] = {"none",  "bool",   "int8",  "uint8",  "int16",   "uint16",
                                       "int32", "uint32", "int64", "uint64", "float32", "float64"};
 
@@ -138,13 +139,20 @@ constexpr const char* kSensors =
 constexpr const char* kNotFinite =
     ", on harmless inputs: look for a division by zero, sqrt or log of a negative number, or a gain that diverges";
 
+// The law itself is slow, not the machine, which may stand still in a step: many steps are slow, or one is each time.
+bool is_slow_for_sure(const std::vector<std::int64_t>& quickest_ns, int repetitions) {
+  if (quickest_ns.empty()) return false;
+  const std::int64_t slowest_ns = *std::ranges::max_element(quickest_ns);
+  const std::int64_t others_ns = std::accumulate(quickest_ns.begin(), quickest_ns.end(), std::int64_t{0}) - slowest_ns;
+  return repetitions * others_ns > kPatienceNs || (repetitions > 1 && slowest_ns > kPatienceNs);
+}
+
 // A law does the same work in every repetition; a disturbance of the machine is different each time. So only a step
 // that is slow every time counts.
 int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t steps) {
   auto resident = std::make_unique<law::Resident>();
   std::vector<std::int64_t> quickest_ns(steps, std::numeric_limits<std::int64_t>::max());
-  const std::int64_t start = monotonic_ns();
-  for (int repetition = 0; repetition < kRepetitions; ++repetition) {
+  for (int repetition = 1; repetition <= kRepetitions; ++repetition) {
     std::array<char, 64> bad{};
     const std::uint64_t done = dry_steps(law, joints, steps, *resident, quickest_ns, bad);
     if (done < steps) {
@@ -153,7 +161,7 @@ int try_steps(int fd, const LitheLaw& law, std::uint32_t joints, std::uint64_t s
       tell_place(law, joints, done, *resident);
       return 1;
     }
-    if (monotonic_ns() - start > kPatienceNs) break;  // the step is so slow that noise does not matter
+    if (is_slow_for_sure(quickest_ns, repetition)) break;
   }
   tell(fd, {{"done", true}, {"step_ns", steps == 0 ? 0 : *std::ranges::max_element(quickest_ns)}});
   return 0;
