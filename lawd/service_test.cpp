@@ -16,7 +16,6 @@
 #include <string_view>
 
 #include "lawd/run/child.hpp"
-#include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/test/lawd_rig.hpp"
 #include "spine/core/host/files.hpp"
@@ -179,20 +178,6 @@ TEST_F(ServiceTest, CrashHangExitAndNanAreRefusedWithTheReason) {
   EXPECT_EQ(first(pole).find("sensor"), std::string::npos) << "at rest it is 0 / 0, with any sensor";
 }
 
-TEST_F(ServiceTest, ALoopThatABusyMachineBreaksOffByTheClockHasItsLineToo) {
-  const LawText law{.body = "for (;;) s.sum_rad = *(volatile double*)&s.sum_rad;"};
-  const json request = {
-      {"verb", "compile"}, {"source", law.source()}, {"name", "l.cpp"}, {"joints", 2}, {"dry_run", false}};
-  const json made = ask(service_, request);
-  ASSERT_TRUE(made["ok"]) << made;
-  set_time_factor(0.05);  // half a second, and one of the processor
-  DryRun tried = dry_run(made["object"], 2);
-  for (int i = 0; i < 20 && tried.starved; ++i) tried = dry_run(made["object"], 2);
-  set_time_factor(1);
-  EXPECT_NE(tried.reason.find("did not return"), std::string::npos) << tried.reason;
-  EXPECT_GT(tried.pc_offset, 0U);
-}
-
 TEST_F(ServiceTest, LawThatIsNowAndThenTooSlowForTheRobotIsRefused) {
   const std::string slow = LawText{.body =
                                        "if (t.tick % 500 == 7) for (int i = 0; i < 200'000; ++i) "
@@ -208,21 +193,6 @@ TEST_F(ServiceTest, LawThatIsNowAndThenTooSlowForTheRobotIsRefused) {
   EXPECT_GT(patient["dry_step_max_ns"], 20'000);
   EXPECT_FALSE(compile(service_, slow, "law.cpp", true, 20'000)["ok"]) << "from the cache too";
   EXPECT_TRUE(compile(service_, slow)["ok"]) << "no budget, no judgement";
-}
-
-TEST_F(ServiceTest, AStandstillOfTheMachineIsNoTimeOfTheLaw) {
-  const LawText law{.body = "static int calls = 0; if (++calls == 500) usleep(600'000);"};
-  const json request = {{"verb", "compile"},
-                        {"source", "extern \"C\" int usleep(unsigned);\n" + law.source()},
-                        {"joints", 2},
-                        {"admit", false},
-                        {"dry_run", false}};
-  const json made = ask(service_, request);
-  ASSERT_TRUE(made["ok"]) << made;
-  DryRun tried = dry_run(made["object"], 2);
-  for (int i = 0; i < 20 && tried.starved; ++i) tried = dry_run(made["object"], 2);
-  EXPECT_TRUE(tried.ok) << tried.reason;
-  EXPECT_LT(tried.step_ns, 600e6) << "only one of the repetitions stood still";
 }
 
 TEST_F(ServiceTest, ATimeThatWasMeasuredOnADisturbedMachineIsMeasuredAgain) {
