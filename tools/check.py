@@ -54,7 +54,11 @@ def build(preset: str, targets: str = "") -> str:
 
 
 STEPS = [
-    Step("rooms", f"{PYTHON} tools/rooms.py", "the table ALLOWED in tools/rooms.py says who may include whom"),
+    Step(
+        "rooms",
+        f"{PYTHON} tools/rooms.py",
+        "the table ALLOWED in tools/rooms.py says who may include whom; ARCHITECTURE.md names every room",
+    ),
     Step("lint", f"{PYTHON} tools/lint.py", "each line above says what to do"),
     Step("paper", f"{PYTHON} tools/paper.py", "each line above says what a page names and does not exist"),
     Step("schema", f"{PYTHON} tools/gen.py --check", f"{PYTHON} tools/gen.py --write"),

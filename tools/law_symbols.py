@@ -77,8 +77,10 @@ def running() -> Path:
 
 def main() -> int:
     """One certificate."""
-    if len(sys.argv) > 2:
-        sys.exit("usage: law_symbols.py [out/ROBOT/swaps/NUMBER.json]")
+    if len(sys.argv) > 2 or (sys.argv[1:] and not Path(sys.argv[1]).is_file()):
+        sys.exit(
+            "usage: law_symbols.py [out/ROBOT/swaps/NUMBER.json]; without a file, of the law that the only robot runs"
+        )
     print(f"add-symbol-file {link(Path(sys.argv[1]) if sys.argv[1:] else running())}")
     return 0
 

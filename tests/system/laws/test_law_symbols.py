@@ -3,6 +3,7 @@
 
 import struct
 import subprocess
+import sys
 from pathlib import Path
 
 import law_symbols
@@ -59,3 +60,12 @@ def test_a_law_whose_object_has_gone_is_named(arm: RobotRig, monkeypatch: pytest
     monkeypatch.setenv("LITHE_CACHE_DIR", str(arm.dir / "none"))
     with pytest.raises(SystemExit, match="swap the law in again"):
         law_symbols.link(folder(arm) / "0001.json")
+
+
+@pytest.mark.parametrize("words", [["--help"], ["out/arm/swaps/9999.json"], ["a", "b"]])
+def test_anything_but_one_certificate_is_answered_with_the_usage(
+    words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["law_symbols.py", *words])
+    with pytest.raises(SystemExit, match=r"usage: law_symbols\.py \[out/ROBOT/swaps/NUMBER\.json\]"):
+        law_symbols.main()
