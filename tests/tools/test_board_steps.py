@@ -48,7 +48,7 @@ def test_the_core_of_the_spine_is_emulated_apart_from_the_others() -> None:
     cores = sorted(os.sched_getaffinity(0))
     with subprocess.Popen([sys.executable, "-c", EMULATOR], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as emulator:
         assert emulator.stdout is not None and emulator.stdout.readline() == b"\n"
-        machine.keep_apart(emulator.pid, 1)
+        machine.keep_apart(emulator.pid, 4, 1)
         threads = Path(f"/proc/{emulator.pid}/task").iterdir()
         on = {(path / "comm").read_text().strip(): sorted(os.sched_getaffinity(int(path.name))) for path in threads}
         emulator.communicate()

@@ -4,6 +4,7 @@
 The machine is emulated (-accel tcg): /dev/kvm may exist and hang. It shows what works, never how fast.
 """
 
+import contextlib
 import lzma
 import os
 import re
@@ -209,8 +210,8 @@ def write_archive(kernel: Kernel, cargo: Cargo, out: BinaryIO) -> None:
     out.write(END)
 
 
-def keep_apart(emulator: int, spine_core: int) -> None:
-    """Emulate this core of the machine on the last core of this computer, and its other cores on the others.
+def keep_apart(emulator: int, count: int, spine_core: int) -> None:
+    """Emulate one of the machine's `count` cores on the last core of this computer, and the others on the others.
 
     Without it, the machine's cores take this computer's cores from each other for 10 ms at a time. The machine counts
     this as its own processor time: a law that computes for 3 us has then used up its budget.
@@ -218,14 +219,13 @@ def keep_apart(emulator: int, spine_core: int) -> None:
     cores = sorted(os.sched_getaffinity(0))
     end = time.monotonic() + 10.0
     while len(cores) > 1 and time.monotonic() < end:
-        threads = {
-            int(path.parent.name): path.read_text().strip() for path in Path(f"/proc/{emulator}/task").glob("*/comm")
-        }
-        if f"CPU {spine_core}/TCG" in threads.values():
-            for thread, name in threads.items():
-                if name.startswith("CPU "):  # the thread with the emulated timers goes where it can run
-                    os.sched_setaffinity(thread, cores[-1:] if name == f"CPU {spine_core}/TCG" else cores[:-1])
-            return
+        with contextlib.suppress(OSError):  # a thread that has just ended
+            threads = {path.read_text().strip(): path.parent for path in Path(f"/proc/{emulator}/task").glob("*/comm")}
+            machines = [threads.get(f"CPU {core}/TCG") for core in range(count)]
+            if None not in machines:  # the thread with the emulated timers goes where it can run
+                for core, thread in enumerate(filter(None, machines)):
+                    os.sched_setaffinity(int(thread.name), cores[-1:] if core == spine_core else cores[:-1])
+                return
         time.sleep(0.1)
 
 
@@ -248,7 +248,7 @@ def boot(kernel: Kernel, cargo: Cargo, cache: Path) -> str:
         with emulator:
             try:
                 if cargo.spine_core is not None:
-                    keep_apart(emulator.pid, cargo.spine_core)
+                    keep_apart(emulator.pid, cargo.cores, cargo.spine_core)
                 emulator.wait(cargo.timeout_s)
             except BaseException:
                 emulator.kill()
