@@ -22,8 +22,8 @@ BUFFER_KIB = 8192
 INTERRUPT_NS = 50_000  # an interrupt, with what the kernel does after it, delays what comes within this time
 PF_KTHREAD = 0x200000
 LINE = re.compile(r"\s(\d+)\.(\d{6}): (\w+):(.*)")
-KERNEL_THREAD, TICK, INTERRUPT, OTHER_TASK, OURS = map(
-    CAUSES.index, ("kernel_thread", "tick", "interrupt", "other_task", "ours")
+KERNEL_THREAD, TICK, INTERRUPT, OTHER_TASK, UNKNOWN = map(
+    CAUSES.index, ("kernel_thread", "tick", "interrupt", "other_task", "unknown")
 )
 Span = tuple[int, int, int]  # from, until [ns of CLOCK_MONOTONIC], index in CAUSES
 
@@ -58,7 +58,7 @@ def spans(trace: str, own: set[int], is_kernel: Callable[[int], bool] = is_kerne
 
 def attribute(records: Records, ran: list[Span]) -> None:
     """Write into each late record what ran between its release and its wake-up: the task that had most of it, else the
-    tick, else another interrupt; ours, when the kernel ran nothing."""
+    tick, else another interrupt. When the kernel ran nothing, it is ours if the record says so, else unknown."""
     for at in np.flatnonzero(records["late_ns"] > LEAST_US * 1000):
         record = records[at]
         release_ns, woke_ns = int(record["release_ns"]), int(record["release_ns"] + record["late_ns"])
@@ -66,7 +66,8 @@ def attribute(records: Records, ran: list[Span]) -> None:
         for since_ns, until_ns, cause in ran:
             took_ns[cause] += max(0, min(until_ns, woke_ns) - max(since_ns, release_ns))
         task = KERNEL_THREAD if took_ns[KERNEL_THREAD] > took_ns[OTHER_TASK] else OTHER_TASK
-        records["told"][at] = 1 + next((cause for cause in (task, TICK, INTERRUPT) if took_ns[cause]), OURS)
+        ran_there = [1 + cause for cause in (task, TICK, INTERRUPT) if took_ns[cause]]
+        records["told"][at] = next(iter(ran_there), int(record["told"]) or 1 + UNKNOWN)
 
 
 class Trace:

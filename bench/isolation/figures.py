@@ -28,8 +28,9 @@ RECORD = np.dtype(
 )
 FLOOR, LITHE, CONTROL, CYCLICTEST = range(4)  # the program's number in a record
 PEERS = ("cyclictest", "plain_loop", "moteus_loop")
-# `kernel_thread`, `tick`, `interrupt` and `ours` are told by a trace only (bench/isolation/attribution.py). Without one
-# a release before which there was a switch is counted at `other_task`, and one without at `unknown`.
+# `ours`: it passed while the tick before it still ran. `kernel_thread`, `tick` and `interrupt` are told by a trace only
+# (bench/isolation/attribution.py). Without one, a release before which there was a switch is counted at `other_task`.
+# `unknown`: none of these. A bare spin, which has no work of its own, shows how many the machine itself makes.
 CAUSES = ("hypervisor", "kernel_thread", "tick", "interrupt", "other_task", "ours", "unknown")
 PERIOD_NS = 1_000_000
 LEAST_US = 1.0  # smaller differences are not significant
@@ -63,7 +64,7 @@ def stolen(records: Records) -> npt.NDArray[np.bool_]:
 
 
 def cause(records: Records) -> npt.NDArray[np.int64]:
-    """Index in CAUSES for each release; `told` of a record is that index plus 1, or 0 without a trace."""
+    """Index in CAUSES for each release; `told` of a record is that index plus 1, or 0 where nothing is told."""
     guessed = np.where(records["switches"] > 0, CAUSES.index("other_task"), CAUSES.index("unknown"))
     return np.where(stolen(records), 0, np.where(records["told"] > 0, records["told"].astype(np.int64) - 1, guessed))
 

@@ -32,8 +32,9 @@ struct Record {
   std::int64_t late_ns, stolen_ns, handoff_ns, release_ns;
   std::uint16_t switches, sleeps;
   Program program;
-  std::uint16_t told;  // what made it late, for those who read the kernel's trace
+  std::uint16_t told;  // what made it late: kOurs, or what a reader of the kernel's trace adds
 };
+constexpr std::uint16_t kOurs = 6;  // 1 and the index of "ours" in CAUSES there
 
 // robots/arm.toml, with longer time-outs: a machine that stalls must not make the guard stop the arm in every block.
 robot::RobotConfig patient_arm() {
@@ -71,7 +72,7 @@ class Subject {
                           static_cast<std::uint16_t>(each.switches),
                           static_cast<std::uint16_t>(each.sleeps),
                           program,
-                          0};
+                          each.own ? kOurs : std::uint16_t{0}};
       written_ += std::fwrite(&record, sizeof record, 1, file_);
     }
   }

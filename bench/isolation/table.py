@@ -60,12 +60,21 @@ def shares(told: Figures, name: str) -> None:
             rows.append([*quantile_row(words, told, f"{program}_{name}"), *late])
     head = [*HEAD, *(f"> {limit_us} us" for limit_us in LIMITS_US)]
     table("release jitter, steal-aware [us], and shares of cycles later than", head, rows)
-    counts = ", ".join(f"{each}: {told[f'lithe_{name}_over_20us_{each}']}" for each in CAUSES)
-    missed = ", ".join(f"{each}: {told[f'missed_deadlines_{name}_{each}']}" for each in CAUSES)
+    of_lithe, of_floor, missed = (
+        {each: told[key.format(name, each)] for each in CAUSES}
+        for key in ("lithe_{}_over_20us_{}", "floor_{}_over_20us_{}", "missed_deadlines_{}_{}")
+    )
+    of_both = ", ".join(
+        f"{each} {of_lithe[each]} ({of_floor[each]})" for each in CAUSES if of_lithe[each] or of_floor[each]
+    )
+    of_missed = ", ".join(f"{each} {count}" for each, count in missed.items() if count)
     print(f"  LITHE: {told[f'cycles_{name}']} cycles, stolen {cell(told, f'steal_share_{name}', '.2%')} (", end="")
     print(f"{cell(told, f'steal_share_kernel_{name}', '.2%')} of the core's time, as the kernel counts), ", end="")
-    print(f"preempted {cell(told, f'preempted_share_{name}', '.2%')}; cycles above 20 us by cause: {counts}")
-    print(f"  missed deadlines: {told[f'missed_deadlines_{name}']} ({missed}); causes by {told['attribution']}")
+    print(f"preempted {cell(told, f'preempted_share_{name}', '.2%')}")
+    print(f"  cycles above 20 us of LITHE (of the floor) by cause: {of_both or 'none'}; ", end="")
+    print(
+        f"missed deadlines: {told[f'missed_deadlines_{name}']} ({of_missed or 'none'}); causes by {told['attribution']}"
+    )
 
 
 def show(told: Figures) -> None:

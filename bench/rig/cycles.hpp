@@ -25,6 +25,7 @@ struct Cycle {
   std::int64_t cost_ns = kUnknownNs;     // the whole tick without its law; likewise
   std::int64_t bus_ns = kUnknownNs;      // the exchange that brought the tick's sample; likewise
   std::int64_t release_ns = 0;           // when it was due, CLOCK_MONOTONIC
+  bool own = false;                      // skipped, because the tick before it took that long; no other task ran
 
   // The hypervisor had the core: time is missing, no other thread of this machine ran instead, this one never slept.
   bool stolen() const { return switches == 0 && sleeps == 0 && stolen_ns > std::max<std::int64_t>(5000, late_ns / 2); }
@@ -64,6 +65,7 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
     for (std::uint32_t i = skipped; i > 0; --i) {
       missed.release_ns = grid.release_ns() - i * period_ns;
       missed.late_ns = now_ns - missed.release_ns;
+      missed.own = missed.release_ns > woke_ns && missed.switches == 0;
       cycles.push_back(missed);
     }
     cycles.push_back(cycle);  // last, because the next tick adds figures to this one

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <memory>
@@ -31,6 +32,42 @@ TEST(Cycles, SkippedReleasesCountAsLateByAllTheTimeUntilTheNextTick) {
   int late_by_periods = 0;
   for (const Cycle& cycle : cycles) late_by_periods += cycle.late_ns >= kPeriodNs ? 1 : 0;
   EXPECT_GE(late_by_periods, 4);
+}
+
+TEST(Cycles, OnlyReleasesThatPassInATickAreItsOwn) {
+  auto memory = std::make_unique<loop::ClockMemory>();
+  loop::start_clock(*memory);
+  loop::SteeredClock clock(*memory);
+  constexpr std::int64_t kPeriodNs = 50'000;  // short: on a busy core another task may run in every millisecond
+  const auto owned_by = [&](bool in_the_tick) {
+    bool stalled = false;
+    const auto stall = [&](std::int64_t now_ns) {
+      if (!stalled) loop::wait_spinning(clock.raw(), now_ns + 5 * kPeriodNs);
+      stalled = true;
+    };
+    std::vector<Cycle> cycles;
+    const auto more = [&](std::int64_t release_ns) {  // asked before the wait, as a stall of the machine would come
+      if (!in_the_tick && cycles.size() == 2) stall(release_ns);
+      return cycles.size() < 8;
+    };
+    run_while(clock, kPeriodNs, 0, more, cycles,
+              [&](std::int64_t, std::int64_t woke_ns, std::uint32_t, Cycle&, Cycle*) {
+                if (in_the_tick && cycles.size() >= 2) stall(woke_ns);
+              });
+    int own = 0;
+    for (const Cycle& cycle : cycles) {
+      own += cycle.own ? 1 : 0;
+      EXPECT_FALSE(cycle.own && cycle.switches > 0) << "another task may have caused it";
+    }
+    const bool disturbed = std::ranges::any_of(cycles, [](const Cycle& cycle) { return cycle.switches > 0; });
+    return disturbed ? -1 : own;
+  };
+  int in_the_tick = -1, before_it = -1;
+  for (int attempt = 0; attempt < 50 && in_the_tick < 0; ++attempt) in_the_tick = owned_by(true);
+  for (int attempt = 0; attempt < 50 && before_it < 0; ++attempt) before_it = owned_by(false);
+  if (in_the_tick < 0 || before_it < 0) GTEST_SKIP() << "other tasks ran on this core in each of 50 attempts";
+  EXPECT_GE(in_the_tick, 4);
+  EXPECT_EQ(before_it, 0);
 }
 
 TEST(Cycles, OnlyTimeTakenWithoutASwitchIsTheHypervisors) {

@@ -255,6 +255,17 @@ def test_a_late_release_is_a_missed_deadline_with_a_cause(figures: ModuleType) -
     assert told["handoff_idle_p50_us"] == 10.0 and told["preempted_share_idle"] == pytest.approx(3 / 4503)
 
 
+def test_the_causes_of_late_cycles_are_told_beside_the_floors(
+    figures: ModuleType, verdict: ModuleType, table: ModuleType
+) -> None:
+    told = result(figures, verdict) | {"lithe_idle_over_20us_ours": 3, "floor_idle_over_20us_unknown": 14}
+    words = table.text(told)
+    assert (
+        "cycles above 20 us of LITHE (of the floor) by cause: ours 3 (0), unknown 0 (14); missed deadlines: 0" in words
+    )
+    assert "by cause: none; missed deadlines: 0 (none)" in words, "of the other workloads"
+
+
 def test_every_figure_that_the_issue_names_is_there(figures: ModuleType, verdict: ModuleType) -> None:
     told = result(figures, verdict)
     assert told["verdict"] == "INCONCLUSIVE" and "4500 cycles" in told["reason"]
