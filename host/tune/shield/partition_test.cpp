@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The partition of cgroup v2 on a machine made of files, with a real child as the only task. A real kernel:
+// The groups of cgroup v2 and v1 on a machine made of files, with a real child as the only task. A real kernel:
 // docs/host.md.
 #include "host/tune/shield/shield_plan.hpp"
 
@@ -249,6 +249,109 @@ TEST_F(PartitionTest, TuneSaysWhyThereIsNone) {
   ASSERT_TRUE(made);
   EXPECT_FALSE(made->well());
   EXPECT_FALSE(has_group());
+}
+
+// cgroup v1, on a hybrid machine as systemd makes it: the cpusets are there, v2 has none.
+class VersionOneTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (all_.size() < 2) GTEST_SKIP() << "one core: nothing can be kept free";
+    write_board(root_);
+    root_.write("/sys/devices/system/cpu/online", cpu_list(all_) + "\n");
+    root_.write("/sys/kernel/mm/transparent_hugepage/enabled", "madvise\n");
+    root_.write("/proc/mounts",
+                "cgroup /sys/fs/cgroup/cpuset cgroup rw,cpuset 0 0\n"
+                "cgroup2 /sys/fs/cgroup/unified cgroup2 rw 0 0\n");
+    root_.write("/sys/fs/cgroup/unified/cgroup.controllers", "\n");
+    root_.write("/sys/fs/cgroup/cpuset/cpuset.cpus", cpu_list(all_) + "\n");
+    root_.write(kBalance, "1\n");
+    options_ = {.cores = {all_.back()},
+                .only = {task_.pid()},
+                .root = root_.path(),
+                .journal = folder_.path() + "/shield.journal",
+                .hook = [this] { settle(); }};
+    before_ = content_of(root_);
+  }
+
+  // What the kernel does between two system calls: a new group has its files, and rmdir(2) does not mind them.
+  void settle(bool lowering = false) {
+    const std::string file = root_.path() + kRestCores;
+    if (!std::filesystem::exists(file)) {
+      const bool made = std::filesystem::is_directory(std::filesystem::path(file).parent_path());
+      if (made && makes_files_ && !lowering && !used_) root_.write(kRestCores, "\n");
+      if (!made) used_ = false;
+      return;
+    }
+    used_ = used_ || !text(kRestCores).empty();
+    if (text(kBalance) == "0" && cores_of_task() == all_) early_ = true;
+    if ((used_ || lowering) && text(kRestCores).empty()) std::filesystem::remove(file);
+  }
+
+  std::string text(const std::string& path) const { return HostFiles(root_.path()).read(path).value; }
+  std::vector<int> cores_of_task() const { return read_tasks(HostFiles(), {task_.pid()}).all[0].cpus; }
+
+  static constexpr const char* kBalance = "/sys/fs/cgroup/cpuset/cpuset.sched_load_balance";
+  static constexpr const char* kRestCores = "/sys/fs/cgroup/cpuset/lithe.rest/cpuset.cpus";
+  std::vector<int> all_ = allowed_cpus();
+  FakeRoot root_, folder_;
+  Sleeper task_;
+  Content before_;
+  ShieldOptions options_;
+  bool makes_files_ = true, used_ = false, early_ = false;
+};
+
+TEST_F(VersionOneTest, AShieldMovesTheTasksAndThenEndsTheBalancing) {
+  {
+    const auto shield = Shield::raise(options_);
+    ASSERT_TRUE(shield) << shield.message();
+    EXPECT_EQ(shield->facts().mechanism, Mechanism::cpuset1);
+    EXPECT_EQ(text(kRestCores), cpu_list(cores_without(all_, options_.cores)));
+    EXPECT_EQ(text(kBalance), "0");
+    EXPECT_EQ(cores_of_task(), cores_without(all_, options_.cores));
+    EXPECT_EQ(content_of(root_).count("/sys/fs/cgroup/lithe.spine/cpuset.cpus"), 0u) << "no group of v2";
+  }
+  EXPECT_EQ(content_of(root_), before_);
+  EXPECT_EQ(cores_of_task(), all_);
+  EXPECT_FALSE(early_) << "a task that is on the core when the balancing ends stays there for good";
+}
+
+TEST_F(VersionOneTest, AKernelThatMakesNoGroupLeavesAffinity) {
+  makes_files_ = false;
+  const auto shield = Shield::raise(options_);
+  ASSERT_TRUE(shield) << shield.message();
+  EXPECT_EQ(shield->facts().mechanism, Mechanism::affinity);
+  EXPECT_EQ(text(kBalance), "1");
+  EXPECT_FALSE(std::filesystem::exists(root_.path() + "/sys/fs/cgroup/cpuset/lithe.rest"));
+  EXPECT_EQ(cores_of_task(), cores_without(all_, options_.cores));
+}
+
+TEST_F(VersionOneTest, AShieldKilledBeforeAnySystemCallIsUndone) {
+  int kills = 0;
+  for (bool killed = true; killed; kills += killed ? 1 : 0) {
+    const pid_t holder = ::fork();
+    if (holder == 0) {
+      int steps = 0;
+      options_.hook = [&] {
+        settle();
+        if (++steps == kills + 1) ::kill(::getpid(), SIGKILL);
+      };
+      {
+        const auto shield = Shield::raise(options_);
+      }
+      ::_exit(0);
+    }
+    int status = 0;
+    ::waitpid(holder, &status, 0);
+    killed = WIFSIGNALED(status);
+    ShieldOptions again = options_;
+    again.hook = [&] { settle(true); };
+    const auto lowered = Shield::lower_left_over(again);
+    ASSERT_TRUE(lowered && lowered->failed.empty()) << "killed before system call " << kills + 1;
+    ASSERT_EQ(content_of(root_), before_) << "killed before system call " << kills + 1;
+    ASSERT_EQ(cores_of_task(), all_) << "killed before system call " << kills + 1;
+  }
+  std::printf("%d kills of a shield with cgroup v1\n", kills);
+  EXPECT_GT(kills, 20);
 }
 
 }  // namespace
