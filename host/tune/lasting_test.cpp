@@ -144,6 +144,11 @@ TEST_F(LastingTest, UnitAndRulesAreRevertedToTheByte) {
   ASSERT_TRUE(made && made->well());
   EXPECT_TRUE(fs::exists(root_.path() + "/etc/systemd/system/lithe-tune.service"));
   EXPECT_TRUE(tune_plan(target).changes.empty());
+  EXPECT_EQ(tune_plan(target).commands, (std::vector<std::string>{plan.commands[0]})) << "told until it is enabled";
+  const std::string wants = "/etc/systemd/system/multi-user.target.wants/lithe-tune.service";
+  root_.write(wants, "");  // as `systemctl enable` does it
+  EXPECT_TRUE(tune_plan(target).commands.empty());
+  fs::remove_all(fs::path(root_.path() + wants).parent_path());
   target.files = false;
   EXPECT_TRUE(tune_plan(target).changes.empty());
   const auto undone = tune_revert(target, false);

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <set>
 #include <utility>
 
 #include "host/tune/boot/boot.hpp"
@@ -14,6 +15,7 @@
 #include "host/tune/shield/shield_plan.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/shield_group.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -57,9 +59,14 @@ void add_partition(const Target& target, TunePlan& plan) {
 // Repeats the settings at every start.
 void add_unit(const Target& target, TunePlan& plan) {
   if (target.program.empty()) return;
-  Plan unit = unit_plan(HostFiles(target.root), target.program, target.cores, target.partition);
+  const HostFiles files(target.root);
+  Plan unit = unit_plan(files, target.program, target.cores, target.partition);
+  const std::string folder = kUnitFolder;
+  // Not enabled, as after an apply that was killed before it could tell the command.
+  const bool waits =
+      files.has(folder + "/" + kUnit) && !contains(files.list(folder + "/multi-user.target.wants"), std::string(kUnit));
   const std::string root = target.image ? fmt::format("--root={} ", target.root) : "";
-  if (!unit.changes.empty()) plan.commands.push_back(fmt::format("systemctl {}enable {}", root, kUnit));
+  if (!unit.changes.empty() || waits) plan.commands.push_back(fmt::format("systemctl {}enable {}", root, kUnit));
   add(plan, std::move(unit));
 }
 
@@ -120,7 +127,8 @@ Result<> apply_to(const Book& book, const Target& target, const std::vector<Chan
   return done();
 }
 
-Result<> revert_in(const Book& book, const Target& target, bool forget, const StepHook& hook, TuneResult& result) {
+Result<> revert_in(const Book& book, const Target& target, bool forget, const StepHook& hook, TuneResult& result,
+                   std::set<std::string>& undone) {
   auto journal = Journal::open(book.path(target), book.boot(target), false, hook);
   if (!journal) return journal.error();
   if (journal->unreadable_lines() > 0) {
@@ -134,6 +142,7 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
   auto steps = revert(*journal, Writer(target.root, hook), forget);
   if (!steps) return steps.error();
   std::ranges::move(*steps, std::back_inserter(result.steps));
+  undone.insert(journal->undone().begin(), journal->undone().end());
   if (book.lasting) ::rmdir(book.path(target).substr(0, book.path(target).rfind('/')).c_str());  // ours, when empty
   return done();
 }
@@ -173,20 +182,17 @@ Result<TuneResult> tune_apply(const Target& target, const std::vector<Change>& c
 Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook& hook) {
   TuneResult result;
   if (const Result<> part = lower_old_shield(target, result); !part) return part.error();
-  for (const Book& book : {kLasting, kRun}) {
+  // The lasting ones last: their journal says until the end what was undone. One that is killed tells no commands.
+  std::set<std::string> undone;
+  for (const Book& book : {kRun, kLasting}) {
     if (book.lasting || !target.image) {
-      if (const Result<> part = revert_in(book, target, forget, hook, result); !part) return part.error();
+      if (const Result<> part = revert_in(book, target, forget, hook, result, undone); !part) return part.error();
     }
   }
-  // `already`: an earlier revert was killed before it could tell the command.
-  const auto undone = [&](const char* item) {
-    return std::ranges::any_of(
-        result.steps, [&](const Step& each) { return each.change.item == item && each.outcome <= Outcome::already; });
-  };
-  if (undone(kRulesItem)) result.commands.push_back(kReloadRules);
-  if (undone(kUnitItem))
+  if (undone.contains(kRulesItem)) result.commands.push_back(kReloadRules);
+  if (undone.contains(kUnitItem))
     result.commands.push_back(fmt::format("rm -f {}{}/multi-user.target.wants/{}", target.root, kUnitFolder, kUnit));
-  if (undone("boot_line") && target.all_cores.size() > 1) {  // the commands are the same for any core
+  if (undone.contains("boot_line") && target.all_cores.size() > 1) {  // the commands are the same for any core
     Target any = target;
     any.cores = {target.all_cores.back()};
     const Result<BootPlan> boot = boot_line(any);

@@ -184,6 +184,8 @@ void write_plain_board(const FakeRoot& root) {
   root.write("/sys/kernel/mm/transparent_hugepage/enabled", "always\n");
   for (int i = 40; i < 70; ++i) root.write("/proc/irq/" + std::to_string(i) + "/smp_affinity_list", "0-3\n");
   root.write("/etc/sysctl.d/90-lithe.conf", std::string("old \xff bytes\n", 12));
+  root.write("/etc/debian_version", "12.5\n");
+  root.write("/etc/default/grub", "GRUB_CMDLINE_LINUX=\"quiet\"\n");
 }
 
 TEST(TuneKills, AnApplyKilledBeforeAnySystemCallIsUndoneToTheByte) {
@@ -245,8 +247,12 @@ TEST(TuneKills, ARevertKilledBeforeAnySystemCallIsFinishedByTheNext) {
     const Target target = target_at(root);
     must(tune_apply(target, tune_plan(target).changes));
     killed = killed_at(kills + 1, [&](const StepHook& hook) { (void)tune_revert(target, false, hook); });
-    must(tune_revert(target, false));
+    const auto next = tune_revert(target, false);
+    ASSERT_TRUE(next) << next.message();
     ASSERT_EQ(content_of(root), before) << "killed before system call " << kills + 1;
+    // The killed one could not tell it.
+    const std::vector<std::string> told{killed ? std::vector<std::string>{"update-grub"} : std::vector<std::string>{}};
+    ASSERT_EQ(next->commands, told) << "killed before system call " << kills + 1;
   }
   std::printf("%d kills of revert\n", kills);
   EXPECT_GT(kills, 70);

@@ -101,7 +101,7 @@ Result<std::vector<Step>> revert_entries(Journal& journal, const Writer& writer,
     Step step = undo(writer, entry);
     if (step.well() || (forget && step.outcome == Outcome::foreign)) {
       // A full disk: the rest is undone all the same, and what is undone a second time has its value already.
-      if (const Result<> dropped = journal.drop(entry.number, step.well() ? "undone" : "left to who changed it");
+      if (const Result<> dropped = journal.drop(entry.number, step.well() ? kUndone : "left to who changed it");
           !dropped)
         noted = dropped;
     }

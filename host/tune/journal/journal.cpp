@@ -162,6 +162,7 @@ void Journal::take(const std::string& line) {
     }
     const auto entry = std::ranges::find_if(entries_, [&](const Entry& each) { return each.number == number; });
     if (entry == entries_.end()) return;
+    if (json.value("dropped", "") == kUndone) undone_.insert(entry->change.item);
     if (json.value("done", false))
       entry->ours.push_back(text_as_bytes(json.at("after")));
     else if (json.contains("dropped") || entry->ours.size() == 1)

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -22,6 +23,8 @@ struct Entry {
   std::vector<std::string> ours{};  // values that we wrote
   std::int64_t at_ticks = 0;        // clock ticks since boot, as start_time_ticks counts
 };
+
+inline constexpr const char* kUndone = "undone";
 
 // A file of JSON lines. Three kinds, in the order in which they are written:
 //   {"number": 1, "boot": ID, "at_ticks": T, "change": {...}}   before the change; on disk before it begins
@@ -42,6 +45,8 @@ class Journal {
 
   // In the order of their first change.
   const std::vector<Entry>& entries() const { return entries_; }
+  // The items of all changes that were undone since the file was made, also by a process that was killed afterwards.
+  const std::set<std::string>& undone() const { return undone_; }
   std::size_t unreadable_lines() const { return unreadable_; }
   const std::string& path() const { return path_; }
 
@@ -62,6 +67,7 @@ class Journal {
   Writer steps_;
   Fd file_;
   std::vector<Entry> entries_;
+  std::set<std::string> undone_;
   std::uint64_t last_ = 0;
   std::size_t unreadable_ = 0;
 };

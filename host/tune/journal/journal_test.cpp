@@ -16,6 +16,7 @@
 #include <map>
 #include <sstream>
 
+#include "host/read/files.hpp"
 #include "host/test/machine_rig.hpp"
 #include "host/test/root_rig.hpp"
 #include "host/tune/journal/writer.hpp"

@@ -18,6 +18,7 @@ SCRIPT = Path(__file__).with_name("doctor_expected.sh")
 pytestmark = pytest.mark.alone  # the script is for a machine without a robot, and a measurement uses up a core
 
 NAMESPACE = ("unshare", "-r")
+CONTAINER = ("unshare", "-rpf", "--mount-proc")  # it sees its own tasks only
 ITEMS = 37
 TIERS = "ABCD"
 # What a task that starts or ends between the two readings may change: these agree at one of three attempts, all others
@@ -106,6 +107,22 @@ def test_a_measurement_fills_in_what_no_file_tells() -> None:
     assert states(told)["bound_kernel_threads"] in ("ok", "warn")
     no_phase = seen["gaps_per_s"] > 0 and not any(seen["phase_share"])  # gaps above 500 us alone tell none
     assert states(told)["release_phase"] in (("unknown",) if no_phase else ("ok", "warn"))
+
+
+def test_a_measurement_in_a_container_does_not_stand_for_what_is_not_seen() -> None:
+    tried = subprocess.run([*CONTAINER, "true"], check=False, capture_output=True, text=True)
+    if tried.returncode != 0:
+        pytest.skip(f"no namespace for processes here: {tried.stderr.strip()}")
+    command = [*CONTAINER, BIN / "lithe", "--json", "doctor", "--measure", "0.5"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1 and "cannot be seen" in done.stderr, done.stdout + done.stderr
+    told = json.loads(done.stdout)
+    assert told["measured"]["seconds"] >= 0.5 and told["measured"]["switches_per_s"] is not None
+    reported = states(told)
+    assert reported["bound_kernel_threads"] in ("ok", "warn"), "the kernel counts the switches of each thread"
+    unseen = {name: reported[name] for name in ("user_tasks", "kernel_threads", "spine_pinned")}
+    assert set(unseen.values()) == {"unknown"}, unseen
+    assert told["tier"] == "D" and "user_tasks" in [each["id"] for each in told["missing"]]
 
 
 def test_beside_a_spine_it_reads_and_does_not_measure(tmp_path: Path) -> None:
