@@ -3,7 +3,8 @@
 
 `python -m tools.soak [--hours H | --seconds S] [--seed N] [--robot FILE] [--resume]` -> out/soak.json and one line.
 Everything is drawn from the seed; the state after each action is in out/soak.state.json. Exit 0: held, 1: broken (the
-line names invariant, action, seed, and how to repeat it), 2: it cannot run. Ctrl-C ends it with the verdict so far.
+line names invariant, action, seed, and how to repeat it) or incomplete (an invariant was never checked), 2: it cannot
+run. Ctrl-C ends it with the verdict so far.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def soak(asked: argparse.Namespace) -> int:
     told = report(state, broken, interrupted)
     (asked.out / "soak.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
     print(("\n" if sys.stdout.isatty() else "") + one_line(told))
-    return 1 if told["verdict"] == "broken" else 0
+    return 1 if told["verdict"] in ("broken", "incomplete") else 0
 
 
 def main(words: list[str]) -> int:

@@ -144,9 +144,10 @@ def report(state: State, broken: Broken | None, interrupted: bool) -> dict[str, 
         grown = growth.judged(series)
     except Broken as found:
         grown, broken = {"broken": found.why}, broken or found
-    verdict = "broken" if broken else "interrupted" if interrupted else "held"
     told = {key: value for key, value in vars(state).items() if key != "series"}
     invariants = {name: {"says": says, "checked": state.checked.get(name, 0)} for name, says in INVARIANTS.items()}
+    whole = all(each["checked"] for each in invariants.values())
+    verdict = "broken" if broken else "interrupted" if interrupted else "held" if whole else "incomplete"
     told |= {"verdict": verdict, "invariants": invariants, "growth": grown}
     if broken:
         told["broken"] = {"invariant": broken.invariant, "why": broken.why, "action": state.next,
@@ -164,6 +165,7 @@ def one_line(told: dict[str, Any]) -> str:
     left = "".join(f"; not done: {name} ({why})" for name, why in told["not_done"].items())
     unseen = [name for name, each in told["invariants"].items() if not each["checked"]]
     left += f"; not checked: {', '.join(unseen)}" if unseen else ""
-    word = "held" if told["verdict"] == "held" else "held so far (interrupted; --resume goes on)"
+    words = {"held": "held", "incomplete": "INCOMPLETE, held so far (a longer one, or --resume)"}
+    word = words.get(told["verdict"], "held so far (interrupted; --resume goes on)")
     checks = sum(each["checked"] for each in told["invariants"].values())
     return f"{word}: {done}, {checks} checks of {len(told['invariants'])} invariants{left}"

@@ -364,6 +364,7 @@ def test_a_broken_soak_names_invariant_action_seed_and_how_to_repeat_it() -> Non
     assert line.startswith(f"BROKEN at action 20 ({actions.drawn(7, 20)[0]}), seed 7: ticking: it stands\n")
     assert "--robot robots/arm.toml --seed 7 --seconds 36000 --first 12 --last 20 (or all: --first 0)" in line
     assert run.one_line(run.report(state, None, interrupted=True)).startswith("held so far")
+    state.checked = dict.fromkeys(INVARIANTS, 1)
     assert run.one_line(run.report(state, None, interrupted=False)).startswith("held: 20 actions")
     state.series = {"spine_rss_kb": [[1, t_s, 20_000 + 30_000 * t_s / 3600] for t_s in range(0, 1200, 5)]}
     assert run.report(state, None, interrupted=False)["broken"]["invariant"] == "growth"

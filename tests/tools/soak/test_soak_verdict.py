@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from soak import __main__ as command
 from soak import actions, run
-from soak.judge import Broken, Judge, codes_of_the_page, corpus_stage
+from soak.judge import INVARIANTS, Broken, Judge, codes_of_the_page, corpus_stage
 
 ROOT = Path(__file__).parents[3]
 
@@ -38,10 +38,33 @@ def test_a_swap_that_is_never_answered_breaks_the_soak(monkeypatch: pytest.Monke
         actions.helper_kill(SimpleNamespace(rig=rig, judge=judge), random)  # type: ignore[arg-type]
 
 
-def test_what_was_never_checked_is_named() -> None:
+def test_what_was_never_checked_does_not_hold_and_is_named() -> None:
     state = run.State("robots/arm.toml", 7, 60.0, actions={"swap": 20}, checked={"inside": 9})
     told = run.one_line(run.report(state, None, interrupted=False))
-    assert told.startswith("held: 20 actions") and "not checked: torque, ticking" in told and "inside," not in told
+    assert told.startswith("INCOMPLETE, held so far") and "not checked: torque, ticking" in told
+    assert "20 actions" in told and "inside," not in told
+    state.checked = dict.fromkeys(INVARIANTS, 1)
+    assert run.report(state, None, interrupted=False)["verdict"] == "held"
+
+
+@pytest.mark.parametrize(("checked", "code"), [(1, 0), (0, 1)])
+def test_the_exit_code_of_a_soak_that_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, checked: int, code: int
+) -> None:
+    class Quiet:
+        """A soak that saw nothing wrong."""
+
+        watch = SimpleNamespace(broken=None)
+
+        def __init__(self, state: run.State, *_: object) -> None:
+            state.checked = dict.fromkeys(INVARIANTS, checked)
+
+        def start(self) -> None: ...
+        def go_on(self) -> None: ...
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(command, "Run", Quiet)
+    assert command.main(["--out", str(tmp_path), "--seed", "1"]) == code
 
 
 def test_ctrl_c_hides_nothing_that_was_seen_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
