@@ -71,11 +71,11 @@ def stress(cores: str, most_s: float) -> Load:
     return Load(asked, (("taskset", "-c", cores, *asked.split(), "--timeout", limits[0]),))
 
 
-def numpy(cores: str, every_core: str, partner: int, most_s: float) -> Load:
+def numpy(cores: str, every_core: str, brain: int, most_s: float) -> Load:
     """Thread sprawl on the Brain's core, and a rogue Brain. Both start on every core: numpy counts those it may use."""
-    words = f"600x600 inversions: a thread for each core, all on core {partner}; the same in a rogue Brain on {cores}"
+    words = f"600x600 inversions: a thread for each core, all on core {brain}; the same in a rogue Brain on {cores}"
     sprawl = ("taskset", "-c", every_core, sys.executable, "-c", SPRAWL, f"{most_s:.0f}")
-    return Load(words, ((*sprawl, str(partner)), (*sprawl, cores)))
+    return Load(words, ((*sprawl, str(brain)), (*sprawl, cores)))
 
 
 def compile_storm(cores: str, most_s: float) -> Load:
@@ -90,27 +90,27 @@ def compile_storm(cores: str, most_s: float) -> Load:
     return Load(words, (("taskset", "-c", cores, "bash", "-c", script),) * count)
 
 
-def swap_storm(partner: int, folder: Path, most_s: float) -> Load:
+def swap_storm(brain: int, folder: Path, most_s: float) -> Load:
     """A second robot; and the rig swaps (run.py)."""
     words = (
         "the measured Spine is offered a fresh copy of its law every 20 ms (commit, State carried); on core "
-        f"{partner} a second robot (`lithe run`, release sleep) compiles, tries, places and swaps laws without pause"
+        f"{brain} a second robot (`lithe run`, release sleep) compiles, tries, places and swaps laws without pause"
     )
     storm = (sys.executable, "-m", "bench.isolation.storm", str(folder), f"{most_s:.0f}")
-    return Load(words, (("taskset", "-c", str(partner), *storm),), ready=f"1 {SWAPS}")
+    return Load(words, (("taskset", "-c", str(brain), *storm),), ready=f"1 {SWAPS}")
 
 
-def load_of(workload: str, cores: str, every_core: str, partner: int, folder: Path, most_s: float) -> Load:
+def load_of(workload: str, cores: str, every_core: str, brain: int, folder: Path, most_s: float) -> Load:
     """One of WORKLOADS. `cores`: where its programs may run, as in 0,1; they end by themselves after `most_s`."""
     match workload:
         case "stress":
             return stress(cores, most_s)
         case "numpy":
-            return numpy(cores, every_core, partner, most_s)
+            return numpy(cores, every_core, brain, most_s)
         case "compile":
             return compile_storm(cores, most_s)
         case "swap":
-            return swap_storm(partner, folder, most_s)
+            return swap_storm(brain, folder, most_s)
     return Load("nothing")
 
 

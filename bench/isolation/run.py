@@ -94,6 +94,11 @@ def shield_is_up() -> bool:
     return False
 
 
+def free_cores(all_cores: list[int], spine: int, partner: int) -> list[int]:
+    """Those that a shield leaves to others, the Brain's last. From three cores on, the partner's is the Transport's."""
+    return [core for core in all_cores if core != spine and (core != partner or len(all_cores) < 3)]
+
+
 def one_round(subject: Subject, peers: Peers, plan: Plan, seen: dict[str, Rounds]) -> None:
     """The floor and LITHE in turns, then each peer."""
     records = subject.run("pairs", plan.pairs, plan.pairs)
@@ -115,19 +120,20 @@ class Bench:
         self.plan, self.folder = plan, folder
         self.spine, self.partner = int(here["machine_spine_core"]), int(here["machine_partner_core"])
         self.all = sorted(os.sched_getaffinity(0) | {self.spine, self.partner})
-        others = [core for core in self.all if core != self.spine]
+        free = free_cores(self.all, self.spine, self.partner)
+        self.brain = free[-1]
         self.confined = bool(os.environ.get(SHIELDED)) and shield_is_up()
         if os.environ.get(SHIELDED) and not self.confined:
             print(f"bench: {SHIELDED} is set, but no shield is up: measured without one", file=sys.stderr)
-        self.load_cores = ",".join(map(str, others if self.confined else self.all))
-        os.sched_setaffinity(0, set(others) & os.sched_getaffinity(0) or set(others))  # this process measures nothing
+        self.load_cores = ",".join(map(str, free if self.confined else self.all))
+        os.sched_setaffinity(0, set(free) & os.sched_getaffinity(0) or set(free))  # this process measures nothing
         self.seen: Seen = {}
         self.told: Figures = {"shielded": self.confined, "loads_cores": self.load_cores}
 
     def under(self, workload: str, subject: Subject, peers: Peers) -> None:
         """All rounds of one workload."""
         cores, folder = (self.load_cores, ",".join(map(str, self.all))), self.folder / "storm"
-        load = loads.load_of(workload, *cores, self.partner, folder, self.plan.most_s())
+        load = loads.load_of(workload, *cores, self.brain, folder, self.plan.most_s())
         log = self.folder / "loads.log"
         self.told |= {f"load_{workload}": load.words, "loads_log": str(log)}
         with loads.running(load, log) as started:
@@ -194,8 +200,13 @@ def shielded(words: list[str]) -> list[str]:
     if known.returncode != 0 or "shield" not in known.stdout:
         raise report.Unmeasured(f"{lithe} has no `tune shield`: measure without --shield, or {loads.BY_HAND}")
     rest = [word for word in words if word != "--shield"]
-    named = os.environ.get("LITHE_BENCH_CORES", "").partition(",")[0]  # else the shield takes the Spine's own choice
-    cores = ["--cores", named] if named else []
+    cores: list[str] = []  # the shield takes the robot's own choice
+    if named := os.environ.get("LITHE_BENCH_CORES"):
+        both = [int(core) for core in named.split(",") if core.isdecimal()]
+        if len(set(both)) != 2:
+            raise report.Unmeasured(f"LITHE_BENCH_CORES names two different cores, as in 1,3; it says '{named}'")
+        free = free_cores(sorted(os.sched_getaffinity(0) | set(both)), *both)
+        cores = ["--cores", ",".join(str(core) for core in sorted(both) if core not in free)]
     return [lithe, "tune", "shield", *cores, "--", sys.executable, "-m", "bench.isolation", *rest]
 
 

@@ -26,7 +26,7 @@ def main(folder: Path, most_s: float) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     until, done = time.monotonic() + most_s, 0
-    core = str(min(os.sched_getaffinity(0)))  # the partner's: none of the robot is on the measured core
+    core = str(min(os.sched_getaffinity(0)))  # the Brain's: none of the robot is on the measured core
     cores = dict.fromkeys(("cpu_spine", "cpu_transport", "cpu_brain", "cpu_housekeeping"), core)
     with running(folder, release='"sleep"', **cores) as robot:
         for number in count():

@@ -37,7 +37,7 @@ def test_swaps_count_from_the_start_of_the_rounds(monkeypatch: pytest.MonkeyPatc
     def offers(self: Any, on: bool) -> int:
         return 7 if on else 47
 
-    bench.plan, bench.folder, bench.spine, bench.partner, bench.all = run.Plan(["swap"], 3, 1, 1.0), tmp_path, 0, 0, [0]
+    bench.plan, bench.folder, bench.spine, bench.brain, bench.all = run.Plan(["swap"], 3, 1, 1.0), tmp_path, 0, 0, [0]
     bench.load_cores, bench.confined, bench.seen, bench.told = "0", False, {}, {}
     monkeypatch.setattr(run, "one_round", lambda *_: swap())
     monkeypatch.setattr(run.loads, "running", running)
@@ -78,8 +78,37 @@ def test_without_the_verb_shield_says_so(
     lithe.write_text("#!/bin/sh\necho 'lithe tune shield -- COMMAND'\n")
     monkeypatch.delenv("LITHE_BENCH_CORES", raising=False)
     assert run.shielded(["--shield", "--short"])[1:4] == ["tune", "shield", "--"]
-    monkeypatch.setenv("LITHE_BENCH_CORES", "1,3")
-    assert run.shielded(["--shield", "--short"])[1:6] == ["tune", "shield", "--cores", "1", "--"]
+    monkeypatch.setenv("LITHE_BENCH_CORES", "3,1")
+    for usable, cores in (({1, 3}, "3"), ({0, 1, 2, 3}, "1,3")):  # the Transport has a core of its own
+        monkeypatch.setattr(run.os, "sched_getaffinity", lambda _, usable=usable: usable)
+        assert run.shielded(["--shield", "--short"])[1:6] == ["tune", "shield", "--cores", cores, "--"]
+    for wrong in ("1", "1,x", "2,2", "1,2,3"):
+        monkeypatch.setenv("LITHE_BENCH_CORES", wrong)
+        with pytest.raises(run.report.Unmeasured, match="two different cores"):
+            run.shielded(["--shield"])
+
+
+@pytest.mark.parametrize(
+    ("cores", "free", "shielded"),
+    [([0, 1], [0], "0"), ([0, 1, 2], [0], "0"), ([0, 1, 2, 3], [0, 3], "0,3")],  # Spine 1, its partner the next
+)
+def test_loads_stay_on_the_cores_that_a_robot_leaves_to_others(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, cores: list[int], free: list[int], shielded: str
+) -> None:
+    run = module("run", monkeypatch)
+    partner = 2 if len(cores) > 2 else 0
+    monkeypatch.setattr(run.report, "cores", lambda: {"machine_spine_core": 1, "machine_partner_core": partner})
+    monkeypatch.setattr(run.os, "sched_getaffinity", lambda _: set(cores))
+    monkeypatch.setattr(run.os, "sched_setaffinity", lambda _, given: moved.append(sorted(given)))
+    monkeypatch.setattr(run, "shield_is_up", lambda: True)
+    monkeypatch.setenv(run.SHIELDED, "1")
+    moved: list[list[int]] = []
+    bench = run.Bench(run.plan_of(run.options(["--short"])), tmp_path)
+    assert (bench.load_cores, moved, bench.brain) == (shielded, [free], free[-1])
+    sprawl, rogue = run.loads.load_of("numpy", bench.load_cores, "all", bench.brain, tmp_path, 1.0).commands
+    assert (sprawl[-1], rogue[-1]) == (str(free[-1]), shielded), "on the Brain's core, and where others may run"
+    monkeypatch.delenv(run.SHIELDED)
+    assert run.Bench(run.plan_of(run.options(["--short"])), tmp_path).load_cores == ",".join(map(str, cores))
 
 
 def test_a_run_is_shielded_only_while_the_shields_journal_is_locked(
