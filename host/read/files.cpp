@@ -20,10 +20,15 @@ namespace lithe::host {
 
 bool Reading::is_absent() const { return error == ENOENT || error == ENOTDIR; }
 
+std::string HostFiles::place(const std::string& path) const {
+  const bool hidden = image_ && ((path + "/").starts_with("/proc/") || (path + "/").starts_with("/sys/"));
+  return hidden ? "/dev/null/" + path : root_ + path;  // a file is no folder: nothing is below it
+}
+
 Reading HostFiles::read(const std::string& path, std::size_t most_bytes) const {
   Reading reading;
   reading.path = path;
-  const Fd file(::open((root_ + path).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  const Fd file(::open(place(path).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
   std::string text(most_bytes, '\0');
   std::size_t filled = 0;
   while (file.get() >= 0 && filled < text.size()) {
@@ -46,17 +51,17 @@ Reading HostFiles::read(const std::string& path, std::size_t most_bytes) const {
 
 bool HostFiles::is_folder(const std::string& path) const {
   std::error_code failed;
-  return std::filesystem::is_directory(root_ + path, failed);
+  return std::filesystem::is_directory(place(path), failed);
 }
 
 bool HostFiles::is_gone(const std::string& path) const {
   std::error_code failed;
-  return std::filesystem::symlink_status(root_ + path, failed).type() == std::filesystem::file_type::not_found;
+  return std::filesystem::symlink_status(place(path), failed).type() == std::filesystem::file_type::not_found;
 }
 
 std::vector<std::string> HostFiles::list(const std::string& folder) const {
   std::vector<std::string> names;
-  for (const std::filesystem::path& path : files_in(root_ + folder)) names.push_back(path.filename().string());
+  for (const std::filesystem::path& path : files_in(place(folder))) names.push_back(path.filename().string());
   return names;
 }
 

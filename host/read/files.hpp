@@ -20,12 +20,14 @@ struct Reading {
   bool is_absent() const;  // there is no such file: this kernel does not have it
 };
 
-// Reads below `root`: "" for this machine.
+// Reads below `root`: "" for this machine. `image`: of a system that does not run. Its /proc and /sys, should they be
+// mounted there, are those of this machine: they count as absent.
 class HostFiles {
  public:
-  explicit HostFiles(std::string root = "") : root_(std::move(root)) {}
+  explicit HostFiles(std::string root = "", bool image = false) : root_(std::move(root)), image_(image) {}
 
   const std::string& root() const { return root_; }
+  bool image() const { return image_; }
 
   // A larger file is an error (EFBIG). `path` is absolute: "/sys/devices/system/cpu/isolated".
   Reading read(const std::string& path, std::size_t most_bytes = std::size_t{64} << 10) const;
@@ -43,7 +45,10 @@ class HostFiles {
   std::vector<std::string> list(const std::string& folder) const;
 
  private:
+  std::string place(const std::string& path) const;
+
   std::string root_;
+  bool image_ = false;
 };
 
 // The text of a file packed with gzip: /proc/config.gz. An error, which names the file, when it is absent, not packed,

@@ -21,6 +21,7 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMostBytes = std::size_t{64} << 10;  // of a file below /etc
 constexpr const char* kWritten = "# Written by lithe tune. lithe tune revert removes it.\n";
 constexpr const char* kRulesFolder = "/etc/udev/rules.d";
+constexpr const char* kNoDevice = "no such device is there now, or it is a virtual one: no rule";
 
 struct Text {
   const char* item;
@@ -51,6 +52,7 @@ bool is_plain(const std::string& text) {
 
 // The folder of the device in /sys/devices; empty when there is none.
 fs::path device_of(const HostFiles& files, const std::string& path) {
+  if (files.is_gone(path)) return {};
   std::error_code failed;
   const fs::path folder = fs::canonical(files.root() + path + "/device", failed);
   return failed ? fs::path() : folder;
@@ -70,22 +72,45 @@ std::string net_match(const HostFiles& files, const std::string& interface) {
                      is_plain(port) ? fmt::format("ATTR{{dev_port}}==\"{}\", ", port) : "");
 }
 
-// By the number of the USB device, wherever it is plugged in; without one, by the port.
-std::string serial_match(const HostFiles& files, const std::string& path) {
-  std::error_code failed;
-  const fs::path node = fs::canonical(files.root() + path, failed);  // /dev/serial/by-id/... is a link
-  if (failed) return "";
-  const fs::path device = device_of(files, "/sys/class/tty/" + node.filename().string());
-  for (fs::path folder = device; folder.has_relative_path(); folder = folder.parent_path()) {
+// What a rule can say of a serial device. `by_number`: of its USB device, wherever it is plugged in; empty without one.
+struct SerialMatch {
+  std::string by_number, by_port;
+};
+
+SerialMatch matches_of(const fs::path& device) {
+  fs::path below;  // the interface: a USB device may have several
+  for (fs::path folder = device; folder.has_relative_path(); below = folder, folder = folder.parent_path()) {
     const std::string vendor = attribute(folder, "idVendor"), product = attribute(folder, "idProduct");
     if (!is_plain(vendor) || !is_plain(product)) continue;
     const std::string serial = attribute(folder, "serial");
-    if (!is_plain(serial)) return fmt::format("KERNELS==\"{}\", ", folder.filename().string());
-    return fmt::format("ATTRS{{idVendor}}==\"{}\", ATTRS{{idProduct}}==\"{}\", ATTRS{{serial}}==\"{}\", ", vendor,
-                       product, serial);
+    const std::string port = (below.empty() ? folder : below).filename().string();
+    return {is_plain(serial) ? fmt::format("ATTRS{{idVendor}}==\"{}\", ATTRS{{idProduct}}==\"{}\", "
+                                           "ATTRS{{serial}}==\"{}\", ",
+                                           vendor, product, serial)
+                             : "",
+            is_plain(port) ? fmt::format("KERNELS==\"{}\", ", port) : ""};
   }
   const std::string parent = device.filename().string();
-  return is_plain(parent) ? fmt::format("KERNELS==\"{}\", ", parent) : "";
+  return {"", is_plain(parent) ? fmt::format("KERNELS==\"{}\", ", parent) : ""};
+}
+
+struct Match {
+  std::string text, why_not;
+};
+
+// By number, if no other device has the same: the ports of one adapter do, and adapters that were never given one.
+Match serial_match(const HostFiles& files, const std::string& path) {
+  const std::string folder = "/sys/class/tty/";
+  std::error_code failed;
+  const fs::path node = fs::canonical(files.root() + path, failed);  // /dev/serial/by-id/... is a link
+  const fs::path device = failed ? fs::path() : device_of(files, folder + node.filename().string());
+  const SerialMatch wanted = matches_of(device);
+  if (wanted.by_port.empty()) return {"", kNoDevice};
+  std::vector<SerialMatch> all;
+  for (const std::string& each : files.list(folder)) all.push_back(matches_of(device_of(files, folder + each)));
+  for (const auto way : {&SerialMatch::by_number, &SerialMatch::by_port})
+    if (!(wanted.*way).empty() && std::ranges::count(all, wanted.*way, way) == 1) return {wanted.*way, ""};
+  return {"", "another device there cannot be told from it, by its number or its port: no rule"};
 }
 
 }  // namespace
@@ -97,7 +122,7 @@ Plan lasting_plan(const HostFiles& files) {
              "every user may lock a robot's memory and raise its priority (after the next login)"});
   // The dash: a key that the kernel does not have is no error.
   plan_text(files, plan,
-            {"sysctl", "/etc/sysctl.d", "90-lithe.conf",
+            {kSysctlItem, "/etc/sysctl.d", "90-lithe.conf",
              "-kernel.timer_migration = 0\n-kernel.nmi_watchdog = 0\n-kernel.numa_balancing = 0\n"
              "-vm.stat_interval = 10\n",
              "these settings hold after every boot"});
@@ -127,9 +152,10 @@ Plan rules_plan(const HostFiles& files, const robot::RobotConfig& robot) {
     const bool serial = robot::is_serial(bus);
     if (!robot::is_real(bus) || (!serial && bus.interface.empty())) continue;
     const std::string device = serial ? bus.path : "/sys/class/net/" + bus.interface;
-    const std::string match = serial ? serial_match(files, bus.path) : net_match(files, bus.interface);
+    const Match found = serial ? serial_match(files, bus.path) : Match{net_match(files, bus.interface), kNoDevice};
+    const std::string& match = found.text;
     if (match.empty()) {
-      plan.not_done.push_back({kRulesItem, device, "no such device is there now, or it is a virtual one: no rule"});
+      plan.not_done.push_back({kRulesItem, device, found.why_not});
     } else if (serial) {
       rules += fmt::format("SUBSYSTEM==\"tty\", {}SYMLINK+=\"lithe/{}\", GROUP=\"dialout\", MODE=\"0660\"\n", match,
                            bus.name);
@@ -142,9 +168,13 @@ Plan rules_plan(const HostFiles& files, const robot::RobotConfig& robot) {
       rules += fmt::format("SUBSYSTEM==\"net\", ACTION==\"add\", {}NAME=\"{}\"\n", match, bus.interface);
     }
   }
-  if (!rules.empty()) {
+  const std::string name = "70-lithe-" + robot.name + ".rules";
+  // What is unplugged now keeps its rule.
+  const bool stays = !plan.not_done.empty() && files.has(std::string(kRulesFolder) + "/" + name);
+  if (stays) plan.notes.push_back(fmt::format("{}/{} stays as it is: not every device is there", kRulesFolder, name));
+  if (!rules.empty() && !stays) {
     plan_text(files, plan,
-              {kRulesItem, kRulesFolder, "70-lithe-" + robot.name + ".rules", rules,
+              {kRulesItem, kRulesFolder, name, rules,
                "the devices of the robot's buses keep their names, and its user may open them"});
   }
   return plan;

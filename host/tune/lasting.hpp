@@ -14,6 +14,7 @@ namespace lithe::host {
 // Limits of locked memory and of priority, and the settings of /proc/sys for every boot.
 Plan lasting_plan(const HostFiles& files);
 
+inline constexpr const char* kSysctlItem = "sysctl";
 inline constexpr const char* kUnitFolder = "/etc/systemd/system";
 inline constexpr const char* kUnit = "lithe-tune.service";
 inline constexpr const char* kUnitItem = "systemd_unit";

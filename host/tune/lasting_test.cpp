@@ -104,7 +104,8 @@ TEST_F(LastingTest, ASerialAdapterGetsANameByItsNumberElseByItsPort) {
   root_.write("/sys/devices/usb1/1-1/idProduct", "5740\n");
   const auto rule = [&] { return rules_plan(files(), robot(serial("/dev/ttyACM0"))).changes.at(0).after; };
   EXPECT_NE(
-      rule().find("SUBSYSTEM==\"tty\", KERNELS==\"1-1\", SYMLINK+=\"lithe/left\", GROUP=\"dialout\", MODE=\"0660\"\n"),
+      rule().find(
+          "SUBSYSTEM==\"tty\", KERNELS==\"1-1:1.0\", SYMLINK+=\"lithe/left\", GROUP=\"dialout\", MODE=\"0660\"\n"),
       std::string::npos)
       << rule();
   root_.write("/sys/devices/usb1/1-1/serial", "A1\", RUN+=\"x\n");
@@ -116,6 +117,52 @@ TEST_F(LastingTest, ASerialAdapterGetsANameByItsNumberElseByItsPort) {
   const Plan plan = rules_plan(files(), robot(serial("/dev/ttyACM0")));
   ASSERT_EQ(plan.notes.size(), 1u);
   EXPECT_NE(plan.notes[0].find("path = \"/dev/lithe/left\" in leg.toml"), std::string::npos) << plan.notes[0];
+}
+
+// Two ports of one adapter, or two adapters with the number that their maker gave to all: a link to either would be
+// a link to the wrong arm.
+TEST_F(LastingTest, DevicesWithTheSameNumberAreToldApartByTheirPortOrGetNoRule) {
+  udev();
+  const auto adapter = [&](const std::string& tty, const std::string& usb, const std::string& interface) {
+    root_.write("/dev/" + tty, "");
+    device("/sys/class/tty/" + tty, "usb1/" + usb + "/" + usb + interface + "/" + tty);
+    root_.write("/sys/devices/usb1/" + usb + "/idVendor", "0403\n");
+    root_.write("/sys/devices/usb1/" + usb + "/idProduct", "6010\n");
+    root_.write("/sys/devices/usb1/" + usb + "/serial", "0001\n");
+  };
+  adapter("ttyUSB0", "1-1", ":1.0");
+  robot::RobotConfig both = robot(serial("/dev/ttyUSB0"));
+  both.buses.push_back(serial("/dev/ttyUSB1"));
+  both.buses.back().name = "right";
+  const auto has_rule = [](const std::string& text, const std::string& match, const std::string& name) {
+    return text.find("\"tty\", " + match + "SYMLINK+=\"lithe/" + name + "\"") != std::string::npos;
+  };
+  adapter("ttyUSB1", "1-1", ":1.1");
+  Plan plan = rules_plan(files(), both);
+  ASSERT_EQ(plan.changes.size(), 1u);
+  EXPECT_TRUE(has_rule(plan.changes[0].after, "KERNELS==\"1-1:1.0\", ", "left")) << plan.changes[0].after;
+  EXPECT_TRUE(has_rule(plan.changes[0].after, "KERNELS==\"1-1:1.1\", ", "right")) << plan.changes[0].after;
+
+  fs::remove_all(root_.path() + "/sys/class/tty/ttyUSB1");
+  adapter("ttyUSB1", "1-2", ":1.0");
+  plan = rules_plan(files(), both);
+  EXPECT_TRUE(has_rule(plan.changes.at(0).after, "KERNELS==\"1-2:1.0\", ", "right")) << plan.changes[0].after;
+
+  const std::string rules = plan.changes[0].path;
+  root_.write(rules, plan.changes[0].after);
+  fs::remove_all(root_.path() + "/sys/class/tty/ttyUSB1");
+  fs::remove(root_.path() + "/dev/ttyUSB1");
+  plan = rules_plan(files(), both);
+  EXPECT_TRUE(plan.changes.empty()) << "what is unplugged now keeps its rule";
+  EXPECT_EQ(plan.not_done.size(), 1u);
+  EXPECT_NE(plan.notes.back().find(rules + " stays as it is"), std::string::npos) << plan.notes.back();
+
+  fs::remove(root_.path() + rules);
+  adapter("ttyUSB1", "1-1", ":1.0");  // two ports of one interface
+  plan = rules_plan(files(), both);
+  EXPECT_TRUE(plan.changes.empty());
+  ASSERT_EQ(plan.not_done.size(), 2u);
+  EXPECT_NE(plan.not_done[0].why.find("cannot be told from it"), std::string::npos) << plan.not_done[0].why;
 }
 
 TEST_F(LastingTest, ADeviceThatIsNotThereIsNamed) {

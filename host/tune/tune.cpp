@@ -28,23 +28,21 @@ void add(TunePlan& plan, Plan part) {
   std::ranges::move(part.notes, std::back_inserter(plan.notes));
 }
 
-// The boot line, for the first of the robot's cores (the Spine's) without a tick.
-Result<BootPlan> boot_line(const Target& target) {
-  const std::vector<int> rest = cores_without(target.all_cores, target.cores);
-  return boot_plan(HostFiles(target.root),
-                   {.isolated = target.cores, .tickless = {target.cores.front()}, .housekeeping = rest.front()});
-}
+HostFiles files_of(const Target& target) { return HostFiles(target.root, target.image); }
 
 void add_boot_line(const Target& target, TunePlan& plan) {
-  Result<BootPlan> boot = boot_line(target);
-  if (!boot) return plan.not_done.push_back({"boot_line", "boot line", boot.message()});
+  const std::vector<int> rest = cores_without(target.all_cores, target.cores);
+  const int spine = contains(target.cores, target.spine) ? target.spine : target.cores.front();
+  Result<BootPlan> boot =
+      boot_plan(files_of(target), {.isolated = target.cores, .tickless = {spine}, .housekeeping = rest.front()});
+  if (!boot) return plan.not_done.push_back({kBootItem, "boot line", boot.message()});
   plan.board = boot->board;
   plan.commands.insert(plan.commands.end(), boot->commands.begin(), boot->commands.end());
   add(plan, {.changes = std::move(boot->changes), .not_done = {}, .notes = std::move(boot->notes)});
 }
 
 void add_partition(const Target& target, TunePlan& plan) {
-  const HostFiles files(target.root);
+  const HostFiles files = files_of(target);
   add(plan, {.changes = partition_plan(files, target.cores), .not_done = {}, .notes = {}});
   const bool has_one =
       partition_state(files) == "isolated" || (!plan.changes.empty() && plan.changes.back().item == kPartitionItem);
@@ -59,7 +57,7 @@ void add_partition(const Target& target, TunePlan& plan) {
 // Repeats the settings at every start.
 void add_unit(const Target& target, TunePlan& plan) {
   if (target.program.empty()) return;
-  const HostFiles files(target.root);
+  const HostFiles files = files_of(target);
   Plan unit = unit_plan(files, target.program, target.cores, target.partition);
   const std::string folder = kUnitFolder;
   // Not enabled, as after an apply that was killed before it could tell the command.
@@ -71,7 +69,7 @@ void add_unit(const Target& target, TunePlan& plan) {
 }
 
 void add_rules(const Target& target, TunePlan& plan) {
-  Plan rules = rules_plan(HostFiles(target.root), *target.robot);
+  Plan rules = rules_plan(files_of(target), *target.robot);
   if (!rules.changes.empty()) plan.commands.push_back(kReloadRules);
   add(plan, std::move(rules));
 }
@@ -132,8 +130,11 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
   auto journal = Journal::open(book.path(target), book.boot(target), false, hook);
   if (!journal) return journal.error();
   if (journal->unreadable_lines() > 0) {
-    result.notes.push_back(fmt::format("{}: {} lines cannot be read: what they say is not undone", journal->path(),
-                                       journal->unreadable_lines()));
+    result.notes.push_back(
+        fmt::format("{}: {} lines cannot be read, or are of another container: what they say is not "
+                    "undone; read them, then: lithe tune revert --force",
+                    journal->path(), journal->unreadable_lines()));
+    result.unreadable = !forget;
   }
   auto partition = unmake_partition(*journal, Writer(target.root, hook));
   if (!partition) return partition.error();
@@ -150,11 +151,12 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
 }  // namespace
 
 bool TuneResult::well() const {
-  return !still_shielded && !no_partition && std::ranges::all_of(steps, [](const Step& each) { return each.well(); });
+  return !still_shielded && !no_partition && !unreadable &&
+         std::ranges::all_of(steps, [](const Step& each) { return each.well(); });
 }
 
 TunePlan tune_plan(const Target& target) {
-  const HostFiles files(target.root);
+  const HostFiles files = files_of(target);
   TunePlan plan;
   if (!target.image) add(plan, runtime_plan(files, target.cores));
   if (target.partition && !target.image) add_partition(target, plan);
@@ -174,8 +176,12 @@ TunePlan tune_plan(const Target& target) {
 Result<TuneResult> tune_apply(const Target& target, const std::vector<Change>& changes, const StepHook& hook) {
   TuneResult result;
   if (const Result<> part = lower_old_shield(target, result); !part) return part.error();
-  for (const Book& book : {kRun, kLasting})
+  // The lasting ones first: on a read-only disk their journal is refused, and nothing has been changed then.
+  for (const Book& book : {kLasting, kRun})
     if (const Result<> part = apply_to(book, target, changes, hook, result); !part) return part.error();
+  const bool boots = std::ranges::any_of(
+      result.steps, [](const Step& each) { return each.outcome == Outcome::done && each.change.reboot; });
+  if (boots && !target.image) result.notes.push_back("the boot line is in force after a reboot");
   return result;
 }
 
@@ -189,15 +195,17 @@ Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook
       if (const Result<> part = revert_in(book, target, forget, hook, result, undone); !part) return part.error();
     }
   }
-  if (undone.contains(kRulesItem)) result.commands.push_back(kReloadRules);
+  const auto tell = [&](const std::vector<std::string>& commands) {
+    result.commands.insert(result.commands.end(), commands.begin(), commands.end());
+  };
+  if (undone.contains(kRulesItem) && !target.image) tell({kReloadRules});
   if (undone.contains(kUnitItem))
-    result.commands.push_back(fmt::format("rm -f {}{}/multi-user.target.wants/{}", target.root, kUnitFolder, kUnit));
-  if (undone.contains("boot_line") && target.all_cores.size() > 1) {  // the commands are the same for any core
-    Target any = target;
-    any.cores = {target.all_cores.back()};
-    const Result<BootPlan> boot = boot_line(any);
-    if (boot) result.commands.insert(result.commands.end(), boot->commands.begin(), boot->commands.end());
-  }
+    tell({fmt::format("rm -f {}{}/multi-user.target.wants/{}", target.root, kUnitFolder, kUnit)});
+  if (undone.contains(kBootItem)) tell(boot_commands(files_of(target)));
+  if (undone.contains(kBootItem) && !target.image)
+    result.notes.push_back("the kernel keeps its isolated cores until the next boot");
+  if (undone.contains(kSysctlItem) && !target.image)
+    result.notes.push_back("what sysctl.d had set at the last boot stays until the next one");
   return result;
 }
 

@@ -21,7 +21,8 @@ struct Target {
   std::string root{};                         // "": this machine
   bool image = false;                         // a mounted image: only its files are planned
   std::vector<int> all_cores{};               // all cores of the machine, ascending
-  std::vector<int> cores{};                   // those of the robot
+  std::vector<int> cores{};                   // those of the robot, ascending
+  int spine = -1;                             // of these, the Spine's: it loses the tick; -1: the first
   bool partition = false;                     // make an isolated partition of cgroup v2, until the next boot
   bool files = true;                          // change files that outlive a boot, too
   std::string program{};                      // lithe itself, for the unit of systemd; empty: no unit
@@ -38,6 +39,7 @@ struct TuneResult {
   std::vector<std::string> notes{};
   std::vector<std::string> commands{};  // of revert: to run afterwards
   bool no_partition = false;            // it was planned, and the kernel made none; a note says why
+  bool unreadable = false;              // of revert: a journal has lines that it could not undo
   bool still_shielded = false;          // a killed robot's shield could not be lowered in full
 
   bool well() const;  // every step succeeded, and no shield is left

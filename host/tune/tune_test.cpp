@@ -12,14 +12,21 @@
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 
 #include "host/test/machine_rig.hpp"
+#include "host/tune/boot/boot.hpp"
 
 namespace lithe::host {
 namespace {
 
 using Content = std::map<std::string, std::string>;
+
+void write_grub(const FakeRoot& root) {
+  root.write("/etc/debian_version", "12.5\n");
+  root.write("/etc/default/grub", "GRUB_CMDLINE_LINUX=\"quiet\"\n");
+}
 
 Target target_at(const FakeRoot& root) { return {.root = root.path(), .all_cores = {0, 1, 2, 3}, .cores = {1}}; }
 
@@ -170,6 +177,53 @@ TEST(TuneOutcome, AnInterruptThatNobodyMayMoveIsNoTrouble) {
   EXPECT_EQ(outcome_of(interrupt, 0), Outcome::done);
 }
 
+TEST_F(TuneTest, TheSpinesCoreLosesTheTickWhereverItStands) {
+  write_grub(root_);
+  root_.write("/proc/sys/kernel/osrelease", "6.1.0\n");
+  root_.write("/boot/config-6.1.0", "CONFIG_CPU_ISOLATION=y\nCONFIG_NO_HZ_FULL=y\nCONFIG_RCU_NOCB_CPU=y\n");
+  target_.cores = {1, 3};
+  const auto line = [&] {
+    for (const Change& each : tune_plan(target_).changes)
+      if (each.item == kBootItem) return each.after;
+    return std::string();
+  };
+  const std::string first = line();
+  target_.spine = 3;
+  ASSERT_NE(first.find("nohz_full=1 "), std::string::npos) << first;
+  EXPECT_NE(line().find("nohz_full=3 "), std::string::npos) << line();
+}
+
+TEST_F(TuneTest, ARevertTellsItsCommandAlsoWhenTheBootFileIsRefusedNow) {
+  write_grub(root_);
+  root_.write("/etc/default/grub.d/50-mine.cfg", "\n");
+  const auto made = tune_apply(target_, tune_plan(target_).changes);
+  ASSERT_TRUE(made && made->well()) << made.message();
+  EXPECT_EQ(made->notes, std::vector<std::string>{"the boot line is in force after a reboot"});
+  root_.write("/etc/default/grub", "GRUB_CMDLINE_LINUX=\"isolcpus=2\"\n");
+  ASSERT_FALSE(tune_plan(target_).not_done.empty()) << "a flag of ours with another value";
+  const auto undone = tune_revert(target_, false);
+  ASSERT_TRUE(undone && undone->well()) << undone.message();
+  EXPECT_EQ(undone->commands, std::vector<std::string>{"update-grub"});
+  EXPECT_EQ(undone->notes.size(), 2u) << "what stays until the next boot: isolated cores, and the values of sysctl.d";
+}
+
+TEST_F(TuneTest, AReadOnlyDiskIsFoundBeforeAnythingIsChanged) {
+  root_.write("/var/lib/lithe", "a file, so no folder can be made there");
+  const Content before = content_of(root_);
+  EXPECT_FALSE(tune_apply(target_, tune_plan(target_).changes));
+  EXPECT_EQ(content_of(root_), before);
+}
+
+TEST_F(TuneTest, AJournalWithLinesThatCannotBeReadIsNotDone) {
+  apply();
+  std::ofstream(root_.path() + kRunJournal, std::ios::app) << "?\n";
+  const auto undone = tune_revert(target_, false);
+  ASSERT_TRUE(undone);
+  EXPECT_FALSE(undone->well());
+  EXPECT_NE(undone->notes.at(0).find("1 lines cannot be read"), std::string::npos) << undone->notes.at(0);
+  EXPECT_TRUE(tune_revert(target_, true)->well()) << "given up";
+}
+
 TEST_F(TuneTest, AStalePlanDoesNotOverwrite) {
   const std::vector<Change> changes = tune_plan(target_).changes;
   root_.write("/proc/sys/vm/stat_interval", "7\n");
@@ -184,8 +238,7 @@ void write_plain_board(const FakeRoot& root) {
   root.write("/sys/kernel/mm/transparent_hugepage/enabled", "always\n");
   for (int i = 40; i < 70; ++i) root.write("/proc/irq/" + std::to_string(i) + "/smp_affinity_list", "0-3\n");
   root.write("/etc/sysctl.d/90-lithe.conf", std::string("old \xff bytes\n", 12));
-  root.write("/etc/debian_version", "12.5\n");
-  root.write("/etc/default/grub", "GRUB_CMDLINE_LINUX=\"quiet\"\n");
+  write_grub(root);
 }
 
 TEST(TuneKills, AnApplyKilledBeforeAnySystemCallIsUndoneToTheByte) {

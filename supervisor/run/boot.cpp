@@ -6,6 +6,7 @@
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 #include <sys/signalfd.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -62,8 +63,9 @@ int run_robot(const RunOptions& options) {
     const auto left = host::Shield::lower_left_over();
     if (!left && options.shield)
       return refuse({"no_shield", left.message(), "stop the other robot, or leave out --shield"}, 1, options.json);
-    if (!left)
-      spdlog::warn("the shield of another robot, or one that a killed robot left: {}; sudo lithe tune revert",
+    // Without root the folder of the journal may be closed: then it is not known, and mostly there is none.
+    if (!left && ::access(host::kShieldJournal, F_OK) == 0)
+      spdlog::warn("the shield of another robot, or one that a killed robot left: {}; sudo lithe run lowers the latter",
                    left.message());
     if (left && left->count > 0) spdlog::warn("a killed robot left its shield: {} changes undone", left->count);
     if (left && !left->born.empty()) spdlog::warn("{}", host::born_words(*left));

@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 
+#include "spine/core/test/emulation_rig.hpp"
 #include "spine/ipc/layout.hpp"
 #include "spine/ipc/segment.hpp"
 #include "trial/sandbox/sandbox.hpp"
@@ -17,6 +18,7 @@ namespace {
 using Spine = ipc::Segment<ipc::SpineMemory>;
 
 TEST(Filter, LetsATrialReadTheTelemetryOfTheRobotThatRuns) {
+  if (const std::string why = test::why_no_trial(); !why.empty()) GTEST_SKIP() << why;
   const std::string robot = "trial_filter_" + std::to_string(getpid());
   const auto lease = ipc::Lease::try_take(Spine::path(robot));
   ASSERT_TRUE(lease && *lease);

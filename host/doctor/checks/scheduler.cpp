@@ -113,22 +113,25 @@ Finding check_domain_isolation(const Subject& subject, Notes& notes) {
     return notes.say(State::ok, "core {} is in the isolated partition that this process is in or may join", cpu);
   }
   bool all_read = boot.known();
-  std::set<int> left(subject.online.begin(), subject.online.end());  // the cores that nothing says are isolated
+  // The cores that nothing takes from the tasks outside of it: no isolation, and no other partition.
+  std::set<int> left(subject.online.begin(), subject.online.end());
   for (const int each : subject.isolated.all()) left.erase(each);
   for (const Partition& each : read_partitions(subject.files)) {
     all_read = all_read && each.kind.known() && each.wanted.known();
-    if (!each.is_isolated()) continue;
+    const bool holds_it = contains(each.cpus, cpu);
+    if (!each.is_isolated() && (each.kind.value != "root" || holds_it)) continue;
     for (const int its : each.cpus) left.erase(its);
-    if (!contains(each.cpus, cpu)) continue;
+    if (!holds_it) continue;
     notes.add(each.kind.path, each.kind.value);
     return notes.say(State::ok, "core {} is in an isolated partition", cpu);
   }
   const Domains domains = read_domains(subject, notes.read(kSchedStat).value);
-  if (domains.isolate() && subject.online.size() > 1)
+  const bool last = left.size() == 1;
+  if (last && all_read && subject.online.size() > 1)
+    return notes.say(State::fail, "core {} is the last one that is not isolated: all tasks run there", cpu);
+  if (domains.isolate() && !last && subject.online.size() > 1)
     return notes.say(State::ok, "core {} is in no scheduling domain", cpu);
   if (!all_read) return notes.say(State::unknown, "not everything that tells isolated cores can be read");
-  if (left.size() == 1 && subject.online.size() > 1)
-    return notes.say(State::fail, "core {} is the last one that is not isolated: all tasks run there", cpu);
   if (domains.listed && !domains.here && left.size() > 1) {
     if (is_out_of_v1(subject, notes)) return notes.say(State::ok, "no cpuset balances core {}", cpu);
     return notes.say(State::unknown, "no core has a scheduling domain: which of them are isolated is not known");

@@ -57,6 +57,16 @@ TEST_F(Traps, TheLastCoreThatIsNotIsolatedHasNoDomainEither) {
   root_.write("/sys/devices/system/cpu/isolated", "0,2-3");
   EXPECT_EQ(state("domain_isolation"), State::fail);
   EXPECT_TRUE(says(find("domain_isolation"), "core 1 is the last one that is not isolated"));
+  // The others are in a partition that has a domain of its own.
+  root_.write("/sys/devices/system/cpu/isolated", "0");
+  root_.write("/proc/schedstat", "version 15\ncpu0 0 0\ncpu1 0 0\ncpu2 0 0\ndomain0 c 0\ncpu3 0 0\ndomain0 c 0\n");
+  EXPECT_EQ(state("domain_isolation"), State::ok) << "nothing says where the tasks run";
+  root_.write("/sys/fs/cgroup/planner/cpuset.cpus", "2-3");
+  root_.write("/sys/fs/cgroup/planner/cpuset.cpus.effective", "2-3");
+  root_.write("/sys/fs/cgroup/planner/cpuset.cpus.partition", "root");
+  EXPECT_EQ(state("domain_isolation"), State::fail) << "they run here";
+  root_.write("/sys/fs/cgroup/planner/cpuset.cpus.partition", "member");
+  root_.write("/proc/schedstat", "version 15\ncpu0 0 0\ncpu1 0 0\ncpu2 0 0\ncpu3 0 0\n");
   // Two cores and a shield of cgroup v1: no core has a domain, and one of them is free.
   root_.write("/sys/devices/system/cpu/isolated", "");
   root_.write("/sys/devices/system/cpu/online", "0-1");

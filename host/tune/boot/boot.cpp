@@ -146,10 +146,18 @@ bool is_booted_with(const HostFiles& files, const std::vector<Flag>& flags) {
          std::ranges::all_of(flags, [&](const Flag& flag) { return has_word(line.value, flag.text()); });
 }
 
-void give_commands(const HostFiles& files, const std::vector<std::string>& commands, BootPlan& plan) {
-  plan.commands = commands;
-  if (!files.root().empty() && !commands.empty())
-    plan.notes.push_back(fmt::format("run the commands within the image: `chroot {} COMMAND`", files.root()));
+// For a shell of this machine.
+std::vector<std::string> commands_of(const HostFiles& files, const BootFile& boot) {
+  std::vector<std::string> commands = boot.commands;
+  if (files.image())
+    for (std::string& each : commands) each = fmt::format("chroot {} {}", files.root(), each);
+  return commands;
+}
+
+const BootFile* boot_file_of(const HostFiles& files, const Board& board) {
+  const auto boot =
+      std::ranges::find_if(board.boot, [&](const BootFile& each) { return why_not(files, each).empty(); });
+  return boot == board.boot.end() ? nullptr : &*boot;
 }
 
 }  // namespace
@@ -163,17 +171,15 @@ Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
   if (!kernel) return kernel.error();
   const FoundBoard found = find_board(files, *boards);
   if (found.board == nullptr) return no_board(files, *boards, kernel->flags);
-  const auto& candidates = found.board->boot;
-  const auto boot =
-      std::ranges::find_if(candidates, [&](const BootFile& each) { return why_not(files, each).empty(); });
-  if (boot == candidates.end()) return no_boot_file(files, found, kernel->flags);
+  const BootFile* boot = boot_file_of(files, *found.board);
+  if (boot == nullptr) return no_boot_file(files, found, kernel->flags);
   const Result<Edit> edit = edit_boot_file(files, *boot, kernel->flags);
   if (!edit) return edit.error();
 
   BootPlan plan{.board = found.board->name, .changes = {}, .commands = {}, .notes = notes_of(found, *kernel)};
   if (edit->before == edit->after) {
     if (!is_booted_with(files, kernel->flags) && !boot->commands.empty()) {
-      give_commands(files, boot->commands, plan);
+      plan.commands = commands_of(files, *boot);
       plan.notes.push_back(edit->path + " has the flags, and this boot has not: run the commands, then reboot");
     }
     return plan;
@@ -182,15 +188,23 @@ Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& wanted) {
     return good.error();
   plan.changes.push_back(
       {.kind = ChangeKind::file,
-       .item = "boot_line",
+       .item = kBootItem,
        .path = edit->path,
        .was_absent = edit->was_absent,
        .before = edit->before,
        .after = edit->after,
        .why = fmt::format("from boot on, the kernel keeps cores {} free for the robot", cpu_list(cores.isolated)),
        .reboot = true});
-  give_commands(files, boot->commands, plan);
+  plan.commands = commands_of(files, *boot);
   return plan;
+}
+
+std::vector<std::string> boot_commands(const HostFiles& files) {
+  const Result<std::vector<Board>> boards = load_boards(boards_folder());
+  if (!boards) return {};
+  const FoundBoard found = find_board(files, *boards);
+  const BootFile* boot = found.board == nullptr ? nullptr : boot_file_of(files, *found.board);
+  return boot == nullptr ? std::vector<std::string>{} : commands_of(files, *boot);
 }
 
 }  // namespace lithe::host

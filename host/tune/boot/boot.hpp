@@ -16,10 +16,12 @@
 
 namespace lithe::host {
 
+inline constexpr const char* kBootItem = "boot_line";
+
 struct BootPlan {
   std::string board;                  // name of its file in host/boards, without ".toml": "pi5"
   std::vector<Change> changes;        // one file, or none: the boot file has all flags already
-  std::vector<std::string> commands;  // for a shell, as root, after the changes and after their reversal: "update-grub"
+  std::vector<std::string> commands;  // for a shell, as root, afterwards: "update-grub"; of an image with chroot
   std::vector<std::string> notes;     // sentences for the user
 };
 
@@ -33,6 +35,9 @@ struct BootCores {
 // Reads, writes nothing. An error when the board or its boot file is not known (with the line to add by hand), when
 // the boot file is not as a boot file must be, or when it has one of our flags with another value.
 Result<BootPlan> boot_plan(const HostFiles& files, const BootCores& cores);
+
+// What to run once a change of the boot file was taken back, whatever else stands in it now.
+std::vector<std::string> boot_commands(const HostFiles& files);
 
 // The options of the kernel that will boot, and the boot flags for it: only flags that it knows. Off the tick.
 

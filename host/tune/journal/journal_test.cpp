@@ -161,6 +161,50 @@ TEST_F(JournalTest, AFullDiskHoldsUpNoRevert) {
   EXPECT_FALSE(std::filesystem::exists(path_));
 }
 
+TEST_F(JournalTest, ALineThatFoundNoSpaceIsNotGluedToTheNext) {
+  ASSERT_TRUE(open().begin(change("/a", "1", "2")));
+  const auto size = static_cast<rlim_t>(std::filesystem::file_size(path_));
+  const pid_t child = ::fork();
+  if (child == 0) {
+    ::signal(SIGXFSZ, SIG_IGN);
+    Journal journal = open();
+    rlimit limit{size + 20, RLIM_INFINITY};
+    ::setrlimit(RLIMIT_FSIZE, &limit);
+    const bool refused = !journal.begin(change("/b", "1", "2"));
+    limit.rlim_cur = RLIM_INFINITY;
+    ::setrlimit(RLIMIT_FSIZE, &limit);
+    ::_exit(refused && journal.begin(change("/c", "1", "2")) ? 0 : 1);
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+  const Journal journal = open();
+  EXPECT_EQ(journal.unreadable_lines(), 0u);
+  ASSERT_EQ(journal.entries().size(), 2u);
+  EXPECT_EQ(journal.entries()[1].change.path, "/c");
+}
+
+// Its tasks and groups are not to be seen here: they would count as gone.
+TEST_F(JournalTest, WhatAnotherContainerDidIsNeitherUndoneNorForgotten) {
+  root_.write("/a", "2\n");
+  {
+    Journal journal = open();
+    ASSERT_TRUE(journal.finish(*journal.begin(change("/a", "1", "2")), 0, "2"));
+  }
+  std::ifstream file(path_);
+  std::string text{std::istreambuf_iterator<char>(file), {}};
+  const std::size_t at = text.find("pid:[");
+  ASSERT_NE(at, std::string::npos) << text;
+  std::ofstream(path_) << text.replace(at, 5, "pid:[9");
+  Journal journal = open();
+  EXPECT_EQ(journal.unreadable_lines(), 1u);
+  const auto undone = revert(journal, Writer(root_.path()));
+  ASSERT_TRUE(undone);
+  EXPECT_TRUE(undone->empty());
+  EXPECT_EQ(HostFiles(root_.path()).read("/a").value, "2");
+  EXPECT_TRUE(std::filesystem::exists(path_));
+}
+
 TEST_F(JournalTest, ATornLastLineIsIgnoredAndCutOff) {
   {
     ASSERT_TRUE(open().begin(change("/a", "1", "2")));

@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstddef>
 #include <filesystem>
@@ -38,6 +39,16 @@ Now cores_of_task(const Change& change) {
   const std::optional<Task> task = read_task(HostFiles(), change.path);
   const bool same = task && task->start_time_ticks == change.start_time_ticks;
   return same ? Now{.value = cpu_list(task->cpus)} : Now{.absent = true};
+}
+
+// Whether a group below has cores of its own. Without the controller they would be lost; the kernel refuses only while
+// a group hands it on to its children.
+bool is_used(const std::string& root, const Change& change) {
+  const HostFiles files(root);
+  const std::string folder = change.path.substr(0, change.path.rfind('/'));
+  return change.after == "cpuset" && std::ranges::any_of(files.list(folder), [&](const std::string& group) {
+           return !files.read(folder + "/" + group + "/cpuset.cpus").value.empty();
+         });
 }
 
 }  // namespace
@@ -89,6 +100,7 @@ int Writer::set(const Change& change, const Now& wanted) const {
     case ChangeKind::group:
       return set_group(path, wanted);
     case ChangeKind::controller:
+      if (wanted.absent && is_used(root_, change)) return EBUSY;
       return set_value(path, (wanted.absent ? "-" : "+") + change.after);
     case ChangeKind::setting:
       break;

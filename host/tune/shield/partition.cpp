@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "host/tune/shield/shield_plan.hpp"
 
+#include <fmt/format.h>
+
 #include <utility>
 
 #include "host/read/machine.hpp"
@@ -81,7 +83,11 @@ Result<> pin_again(Journal& journal, const Writer& writer, const std::vector<Tas
   return done();
 }
 
-std::string why_not_made(const HostFiles& files, const std::vector<Step>& steps) {
+std::string why_not_made(const HostFiles& files, const std::vector<Step>& steps, const std::vector<int>& cores) {
+  const std::vector<int> theirs = parse_cpu_list(files.read(in_group("cpuset.cpus")).value);
+  if (!theirs.empty() && theirs != cores)
+    return fmt::format("there is one for cores {}, not {}: end it (sudo lithe tune revert) first", cpu_list(theirs),
+                       cpu_list(cores));
   for (const Step& step : steps)
     if (!step.well()) return step.change.path + ": " + step.why();
   return in_group("cpuset.cpus.partition") + " says " + partition_state(files);
@@ -122,20 +128,22 @@ Result<MadePartition> make_partition(Journal& journal, const Writer& writer, con
   if (const Result<> noted = note_pinned(journal, pinned, online); !noted) return noted.error();
   MadePartition made;
   std::vector<int> cores;
+  bool whole = true;
   for (const Change& change : changes) {
     if (change.path.ends_with("/cpuset.cpus")) cores = parse_cpu_list(change.after);
     auto steps = apply(journal, writer, {change});
     if (!steps) return steps.error();
     made.steps.push_back(std::move(steps->front()));
     const bool last = &change == &changes.back();  // of use, but not needed
-    if (!made.steps.back().well() && !last) break;
+    whole = whole && (made.steps.back().well() || last);
+    if (!whole) break;
   }
-  if (partition_state(files) == "isolated") {
+  if (whole && partition_state(files) == "isolated") {
     const Result<> kept = pin_again(journal, writer, pinned, cores);
     if (!kept) return kept.error();
     return made;
   }
-  made.why_not = why_not_made(files, made.steps);
+  made.why_not = why_not_made(files, made.steps, cores);
   const auto undone = unmake_partition(journal, writer, only);
   if (!undone) return undone.error();
   std::erase_if(made.steps, [](const Step& each) { return each.well(); });

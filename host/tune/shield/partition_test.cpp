@@ -130,11 +130,38 @@ TEST_F(PartitionTest, OneThatTheKernelEndsIsToldAndTheTasksAreMoved) {
   EXPECT_EQ(shield->keep_up()->size(), 0u);
   root_.write(std::string(kShieldGroup) + "/cpuset.cpus.partition",
               "isolated invalid (Parent is not a partition root)\n");
+  task_.choose(all_);  // kernels before 6.2 forget what a task had
   const auto told = shield->keep_up();
   ASSERT_TRUE(told);
   EXPECT_NE(told->find("Parent is not a partition root"), std::string::npos) << *told;
   EXPECT_EQ(shield->facts().mechanism, Mechanism::affinity);
   EXPECT_EQ(read_tasks(HostFiles(), {task_.pid()}).all[0].cpus, cores_without(all_, options_.cores));
+}
+
+// Its own core would be an ordinary one, though the partition that is there says "isolated".
+TEST_F(PartitionTest, OneOfOtherCoresIsNotTakenForTheShields) {
+  const Target target{.root = root_.path(), .all_cores = all_, .cores = {all_.front()}, .partition = true};
+  ASSERT_TRUE(tune_apply(target, tune_plan(target).changes, [&] { groups_->settle(); }));
+  ASSERT_EQ(partition_state(HostFiles(root_.path())), "isolated");
+  const auto shield = Shield::raise(options_);
+  ASSERT_TRUE(shield) << shield.message();
+  EXPECT_EQ(shield->facts().mechanism, Mechanism::affinity);
+  EXPECT_FALSE(shield->has_partition());
+  EXPECT_NE(shield->facts().notes.at(0).find("there is one for cores " + cpu_list(target.cores)), std::string::npos)
+      << shield->facts().notes.at(0);
+  EXPECT_EQ(partition_state(HostFiles(root_.path())), "isolated") << "it is not the shield's";
+}
+
+// Without the controller at the root its cores would be lost without a word.
+TEST_F(PartitionTest, CoresThatAnotherGroupChoseMeanwhileStay) {
+  {
+    const auto shield = Shield::raise(options_);
+    ASSERT_TRUE(shield) << shield.message();
+    root_.write("/sys/fs/cgroup/system.slice/cpuset.cpus", "0\n");
+  }
+  groups_->settle();
+  EXPECT_FALSE(has_group());
+  EXPECT_EQ(text(kControl), "cpuset cpu memory");
 }
 
 TEST_F(PartitionTest, TasksBornAfterTheKernelEndedItGetTheirCoresBack) {
@@ -154,7 +181,7 @@ TEST_F(PartitionTest, TasksBornAfterTheKernelEndedItGetTheirCoresBack) {
   const auto lowered = Shield::lower_left_over(again);
   ASSERT_TRUE(lowered) << lowered.message();
   EXPECT_EQ(read_tasks(HostFiles(), {born.pid()}).all[0].cpus, all_);
-  EXPECT_EQ(lowered->born.size(), 1u) << "and it is named";
+  EXPECT_EQ(lowered->born.size(), read_tasks(HostFiles(), {born.pid()}).all.size()) << "and it is named";
 }
 
 TEST_F(PartitionTest, OneThatWasThereBeforeIsWatchedToo) {
@@ -249,6 +276,7 @@ TEST_F(PartitionTest, TuneSaysWhyThereIsNone) {
   ASSERT_TRUE(made);
   EXPECT_FALSE(made->well());
   EXPECT_FALSE(has_group());
+  EXPECT_NE(made->notes.at(0).find("isolated invalid (Cpu list"), std::string::npos) << made->notes.at(0);
 }
 
 // cgroup v1, on a hybrid machine as systemd makes it: the cpusets are there, v2 has none.

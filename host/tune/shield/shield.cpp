@@ -192,6 +192,7 @@ Result<std::string> Shield::keep_up() {
   if (state != "isolated") {
     partition_ = false;
     moves_ = true;
+    tried_.clear();  // before 6.2 the kernel has given them all cores again
     facts_.mechanism = Mechanism::affinity;
     facts_.notes.push_back(
         fmt::format("the kernel ended the partition of cgroup v2 (\"{}\"): affinity alone keeps tasks away", state));

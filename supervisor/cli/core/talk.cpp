@@ -28,7 +28,7 @@ void print_json(const Json& json) { std::cout << json.dump(2, ' ', true, Json::e
 
 int exit_code(const Refusal& refusal) {
   static const std::set<std::string> usage = {"usage",          "bad_request", "bad_config", "unknown_verb",
-                                              "several_robots", "no_source",   "no_python"};
+                                              "several_robots", "no_source",   "no_python",  "no_tune"};
   static const std::set<std::string> fault = {"robot_fault", "refused_fault", "refused_damaged", "internal",
                                               "recover_failed"};
   return usage.count(refusal.code) != 0 ? 2 : fault.count(refusal.code) != 0 ? 3 : 1;

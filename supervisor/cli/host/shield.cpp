@@ -37,14 +37,13 @@ std::optional<robot::RobotConfig> robot_of(const TuneWords& words) {
   return value_of(robot::load_robot(words.robot), "bad_config", "correct the file, or name another");
 }
 
-// What the Spine's own plan takes.
-std::vector<int> robots_cores(const std::vector<int>& all, bool image, const std::optional<robot::RobotConfig>& robot) {
+// As the Spine plans it.
+robot::CpuPlan plan_of(const std::vector<int>& all, bool image, const std::optional<robot::RobotConfig>& robot) {
   MachineCores machine =
       image ? MachineCores{.online = all, .affinity = all, .granted = all, .isolated = {}} : machine_cores();
   machine.affinity = machine.granted;  // of this shell it may be narrowed: the plan is one for the machine
-  if (!robot) return robot::own_cores(robot::fold_cpus(machine));
-  return robot::own_cores(
-      value_of(robot::plan_cpus(*robot, machine), "bad_config", "correct the file, or name another"));
+  if (!robot) return robot::fold_cpus(machine);
+  return value_of(robot::plan_cpus(*robot, machine), "bad_config", "correct the file, or name another");
 }
 
 void stop_and_wait(pid_t child, const sigset_t& awaited, host::Shield& shield, int& status) {
@@ -107,7 +106,7 @@ host::Target place_of(const TuneWords& words) {
       throw control::Refusal{"usage", fmt::format("--root {}: is no folder", words.root), "mount the image there"};
     if (target.root == "/") throw control::Refusal{"usage", "--root / is this machine", "leave out --root"};
   }
-  target.all_cores = host::online_cores(host::HostFiles(target.root));
+  target.all_cores = host::online_cores(host::HostFiles(target.root, target.image));
   if (target.all_cores.empty()) target.all_cores = {0, 1, 2, 3};  // an image does not say how many its machine has
   return target;
 }
@@ -115,8 +114,14 @@ host::Target place_of(const TuneWords& words) {
 host::Target target_of(const TuneWords& words) {
   host::Target target = place_of(words);
   const std::optional<robot::RobotConfig> robot = robot_of(words);
-  target.cores =
-      words.cores.empty() ? robots_cores(target.all_cores, target.image, robot) : parse_cpu_list(words.cores);
+  if (words.cores.empty()) {
+    const robot::CpuPlan plan = plan_of(target.all_cores, target.image, robot);
+    target.cores = robot::own_cores(plan);
+    target.spine = plan.spine;
+  } else {
+    target.cores = parse_cpu_list(words.cores);
+    if (robot) target.spine = robot->spine.cpu_spine;
+  }
   target.robot = robot;
   target.partition = words.partition;
   target.files = !words.no_files;
@@ -147,7 +152,8 @@ int tune_shield(const Context&, const TuneWords& words) {
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGPIPE, SIGCHLD}) ::sigaddset(&awaited, number);
   ::sigprocmask(SIG_BLOCK, &awaited, &before);
   // What a killed shield left narrows the cores that we and the command inherit.
-  tell_left_over(value_of(host::Shield::lower_left_over(), "no_shield", "wait for its end, or stop it"));
+  tell_left_over(value_of(host::Shield::lower_left_over(), "no_shield",
+                          ::geteuid() == 0 ? "wait for its end, or stop it" : "sudo lithe tune shield -- COMMAND"));
   const host::Target target = target_of(words);
   // The kernel moves no task away from a core that it no longer balances: this process and the command must leave it
   // first.

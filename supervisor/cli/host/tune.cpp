@@ -124,11 +124,22 @@ std::string shown(const host::TuneResult& result, const char* verb) {
   return text + fmt::format("{} of {} {}\n", made, result.steps.size(), verb);
 }
 
+// The command again, as it was typed: without its words it would mean another machine, or other cores.
+std::string again(const TuneWords& words, const char* verb) {
+  std::string text = std::string("lithe tune ") + verb;
+  if (!words.robot.empty()) text += " " + words.robot;
+  if (!words.root.empty()) text += " --root " + words.root;
+  if (!words.cores.empty()) text += " --cores " + words.cores;
+  for (const auto& [is_set, option] :
+       {std::pair(words.partition, " --partition"), {words.no_files, " --no-files"}, {words.force, " --force"}})
+    if (is_set) text += option;
+  return text;
+}
+
 // A journal that cannot be opened: mostly it takes root.
-control::Refusal refusal_of(const Error& error, const char* verb) {
+control::Refusal refusal_of(const Error& error, const TuneWords& words, const char* verb) {
   const bool root = ::geteuid() == 0;
-  return {"no_tune", error.message,
-          root ? "see what is meant: lithe tune plan" : fmt::format("sudo lithe tune {}", verb)};
+  return {"no_tune", error.message, root ? "see what is meant: " + again(words, "plan") : "sudo " + again(words, verb)};
 }
 
 }  // namespace
@@ -143,17 +154,17 @@ int tune_plan(const Context& context, const TuneWords& words) {
 int tune_apply(const Context& context, const TuneWords& words) {
   if (::geteuid() == 0 && words.root.empty()) {  // a killed shield narrows the cores, and holds some of the settings
     const auto left = host::Shield::lower_left_over();
-    if (!left) throw refusal_of(left.error(), "apply");
+    if (!left) throw refusal_of(left.error(), words, "apply");
     tell_left_over(*left);
   }
   const host::Target target = target_of(words);
   const host::TunePlan plan = host::tune_plan(target);
   if (::geteuid() != 0 && target.root.empty() && !plan.changes.empty()) {
     throw control::Refusal{"no_right", fmt::format("these changes need root:\n{}", shown(plan)),
-                           "sudo lithe tune apply"};
+                           "sudo " + again(words, "apply")};
   }
   const auto result = host::tune_apply(target, plan.changes);
-  if (!result) throw refusal_of(result.error(), "apply");
+  if (!result) throw refusal_of(result.error(), words, "apply");
   Json json = json_of(*result);
   json["plan"] = json_of(plan, target);
   finish(context, json, [&](const Json&) {
@@ -167,13 +178,17 @@ int tune_apply(const Context& context, const TuneWords& words) {
 
 int tune_revert(const Context& context, const TuneWords& words) {
   const auto result = host::tune_revert(place_of(words), words.force);
-  if (!result) throw refusal_of(result.error(), "revert");
+  if (!result) throw refusal_of(result.error(), words, "revert");
   finish(context, json_of(*result), [&](const Json&) {
     fmt::print("{}", result->steps.empty() && result->notes.empty() ? "nothing was changed by lithe tune\n"
                                                                     : shown(*result, "undone"));
     fmt::print("{}", shown_commands(result->commands));
   });
-  return result->well() || words.force ? 0 : kNotEverything;
+  // Forced: what somebody else changed stays theirs.
+  const bool done = std::ranges::all_of(result->steps, [&](const host::Step& each) {
+    return each.well() || (words.force && each.outcome == host::Outcome::foreign);
+  });
+  return done && !result->still_shielded && !result->unreadable ? 0 : kNotEverything;
 }
 
 }  // namespace lithe::cli

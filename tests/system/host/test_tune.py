@@ -68,6 +68,27 @@ def test_what_somebody_else_edited_stays_and_exits_with_1(image: Path) -> None:
     assert not (image / "var/lib/lithe").exists()
 
 
+def test_what_cannot_begin_exits_with_2_and_tells_the_same_command(image: Path) -> None:
+    """Without its words it would be about this machine."""
+    (image / "var/lib/lithe").write_text("a file, so no journal can be made there")
+    before = content(image)
+    for verb, words in (("apply", ["--cores", "1"]), ("revert", [])):
+        error = tune(2, verb, "--root", image, *words)["error"]
+        assert error["code"] == "no_tune" and error["next"].endswith(" ".join(["--root", str(image), *words])), error
+    assert content(image) == before
+
+
+def test_force_forgives_what_others_changed_and_not_what_was_refused(image: Path) -> None:
+    tune(0, "apply", "--root", image)
+    (image / "etc/sysctl.d/90-lithe.conf").write_text("mine\n")
+    folder, elsewhere = image / "etc/security/limits.d", image.parent / "elsewhere"
+    folder.rename(elsewhere)
+    folder.symlink_to(elsewhere)  # it leads out of the image
+    steps = tune(1, "revert", "--root", image, "--force")["steps"]
+    assert {each["path"]: each["outcome"] for each in steps}["/etc/security/limits.d/lithe.conf"] == "refused"
+    assert (elsewhere / "lithe.conf").exists()
+
+
 def test_wrong_words_exit_with_2(image: Path) -> None:
     for words in (
         ["plan", "--root", image / "none"],
