@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steps that a board takes: which, with what, and on which cores of this computer."""
 
+import json
 import os
 import subprocess
 import sys
@@ -9,12 +10,39 @@ from typing import Any
 
 import pytest
 from vm import board_systems, machine, on_board
+from vm.verdict import Verdict
 
 
 def test_a_step_that_a_board_has_not_is_refused() -> None:
     assert board_systems.chosen(("swaps", "demo"), "demo") == ("demo",)
     with pytest.raises(ValueError, match="--only swap: no such step; there are swaps, demo"):
         board_systems.chosen(("swaps", "demo"), "swap")
+
+
+def seen(**said: str) -> tuple[board_systems.Seen, list[str]]:
+    """Steps that ended with 0 and said this, and what is wrong with them."""
+    verdict = Verdict("r")
+    text = "".join(f"vm: begin {name}\n{each}\nvm: end {name} 0\n" for name, each in said.items())
+    return board_systems.Seen(verdict, text, tuple(said)), verdict.wrong
+
+
+@pytest.mark.parametrize("said", ["", "{not json", "[ 3.1] oops {brace\n{}", json.dumps({"error": "it raised"})])
+def test_a_step_that_ended_well_and_told_nothing_that_can_be_judged_is_wrong(said: str) -> None:
+    steps, wrong = seen(robot=said, stop='{"code": 0}')
+    board_systems.judge_common(steps)
+    assert wrong == ["robot: it ended, and its document cannot be read"]
+
+
+def test_nothing_is_said_of_steps_that_were_not_taken() -> None:
+    steps, wrong = seen(robot='{"mode": "active"}')
+    doctor, robot, swaps = board_systems.rt_lines(steps, "")
+    assert (doctor, swaps, wrong) == ("doctor: not taken", "swaps: not taken", []) and "active" in robot
+    words = '{"kernel": {"words": "6.1"}, "label": "D-v"}', '{"swaps": {}, "certificates": 1}'
+    doctor, _, swaps = board_systems.rt_lines(seen(doctor=words[0], swaps=words[1])[0], "A-v")
+    assert doctor.endswith(
+        "tier D-v, booted with the line of `lithe tune` A-v; all 37 items as a shell script reads them"
+    )
+    assert swaps.endswith("1 certificates, chain holds")
 
 
 def test_each_step_has_all_cores_also_after_a_brain(

@@ -74,6 +74,8 @@ def test_a_board_that_is_as_it_must_be_passes() -> None:
         ({"apply": {"steps": []}}, "apply changed no setting"),
         ({"settings_tuned": f"{IRQ} 0-3"}, f"apply said done, and did not change: {IRQ}"),
         ({"settings_tuned": ""}, "nobody looked at the settings after apply"),
+        ({"settings": "", "settings_after": ""}, "nobody looked at the settings before apply"),
+        ({"plan": "a message of the kernel {"}, "not content with the boot line"),
         ({"files_after": "d41d8cd98f00b204e9800998ecf8427e  /etc/default/grub.d/99-lithe.cfg"}, "files after revert"),
     ],
 )

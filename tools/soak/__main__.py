@@ -3,8 +3,8 @@
 
 `python -m tools.soak [--hours H | --seconds S] [--seed N] [--robot FILE] [--resume]` -> out/soak.json and one line.
 Everything is drawn from the seed; the state after each action is in out/soak.state.json. Exit 0: held, 1: broken (the
-line names invariant, action, seed, and how to repeat it) or incomplete (an invariant was never checked), 2: it cannot
-run. Ctrl-C ends it with the verdict so far.
+line names invariant, action, seed, and how to repeat it) or incomplete (an invariant was never checked; in a short
+soak it is growth), 2: it cannot run. Ctrl-C ends it with the verdict so far.
 """
 
 from __future__ import annotations
@@ -57,10 +57,12 @@ def state_of(asked: argparse.Namespace) -> State:
         except (OSError, ValueError, TypeError) as why:
             raise LitheError(f"nothing to resume in {path}: {why}\n  next: start without --resume") from None
         state.wanted_s = asked.seconds or state.wanted_s
+        state.whole_machine |= asked.whole_machine
         return state
     shutil.rmtree(asked.out / "soak", ignore_errors=True)
     seed = asked.seed if asked.seed is not None else time.time_ns() % 1_000_000
-    return State(str(asked.robot), seed, asked.seconds or 7200.0, asked.first, asked.last, asked.first)
+    first, wanted_s, whole = asked.first, asked.seconds or 7200.0, asked.whole_machine
+    return State(str(asked.robot), seed, wanted_s, first, asked.last, next=first, whole_machine=whole)
 
 
 def soak(asked: argparse.Namespace) -> int:
@@ -69,7 +71,7 @@ def soak(asked: argparse.Namespace) -> int:
     print(f"soak: {state.robot}, seed {state.seed}, from action {state.next}", flush=True)
     broken: Broken | None = None
     interrupted = False
-    run = Run(state, asked.out / "soak", asked.whole_machine)
+    run = Run(state, asked.out / "soak")
     try:
         try:
             run.start()
@@ -86,6 +88,10 @@ def soak(asked: argparse.Namespace) -> int:
     broken = run.watch.broken or broken  # it may have seen the cause before the action ended, or before Ctrl-C
     told = report(state, broken, interrupted)
     (asked.out / "soak.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    if "broken" in told:  # a resumed soak must tell it
+        broke = {name: told["broken"][name] for name in ("action", "invariant", "why")}
+        state.broke_before = [*state.broke_before, broke]
+        state.write(asked.out / "soak.state.json")
     print(("\n" if sys.stdout.isatty() else "") + one_line(told))
     return 1 if told["verdict"] in ("broken", "incomplete") else 0
 

@@ -73,10 +73,14 @@ class Soak:
     def swap(self, source: str, name: str, **terms: Any) -> str:
         """A swap whose answer is compared with its certificate; the code."""
         code, told = self.ask("swap", source=source, name=name, **terms)
-        if code == "ok":
-            told["source_sha256"] = hashlib.sha256(source.encode()).hexdigest()  # the certificate must be of this text
-        self.watch.swap_answered(code, told)
+        self.answered(source, code, told)
         return code
+
+    def answered(self, source: str, code: str, told: Any) -> None:
+        """The answer to a swap is compared with its certificate, which must be of this text."""
+        if code == "ok":
+            told["source_sha256"] = hashlib.sha256(source.encode()).hexdigest()
+        self.watch.swap_answered(code, told)
 
     def good_law(self) -> str:
         """The robot's own law, at once and without a probation."""
@@ -254,9 +258,10 @@ def helper_kill(soak: Soak, random: Random) -> None:
         if pid > 0:  # 0: not started yet
             os.kill(pid, signal.SIGKILL)
     if asked is not None:
-        code = asked.wait()
+        code, told = asked.wait()
         soak.judge.holds("answers", code != "", f"a swap during which {name} was killed was never answered")
         soak.judge.answer("swap", code)
+        soak.answered(text, code, told)
     until = time.monotonic() + REPLACED_S
     while (now := int(soak.rig.status()[f"{name}_pid"])) in (0, pid):
         soak.judge.holds("processes", time.monotonic() < until, f"{name} was killed, and not replaced (pid {now})")
@@ -271,7 +276,8 @@ class InThread:
     """A swap over a connection of its own, during which something is killed."""
 
     def __init__(self, robot: str, source: str) -> None:
-        self.code = ""  # "": the connection broke
+        self.code = ""  # the connection broke
+        self.told: Any = {}
         self._thread = threading.Thread(target=self._ask, args=(robot, source), daemon=True)
         self._thread.start()
 
@@ -279,17 +285,17 @@ class InThread:
         with contextlib.suppress(LitheError):
             client = connect_control(robot, BACK_S)
             try:
-                client.call("swap", {"source": source, "name": "in_thread.cpp"})
+                self.told = client.call("swap", {"source": source, "name": "in_thread.cpp"})
                 self.code = "ok"
             except Refused as refused:
-                self.code = refused.code
+                self.code, self.told = refused.code, refused.detail
             finally:
                 client.close()
 
-    def wait(self) -> str:
-        """The code of its answer; "" when there was none."""
+    def wait(self) -> tuple[str, Any]:
+        """The code of its answer and what it tells, as of Soak.ask(); "" when there was none."""
         self._thread.join(BACK_S + 30)
-        return self.code
+        return self.code, self.told
 
 
 def supervisor_kill(soak: Soak, random: Random) -> None:
@@ -303,7 +309,7 @@ def supervisor_kill(soak: Soak, random: Random) -> None:
     before = soak.rig.spine.latest()
     time.sleep(random.uniform(0.2, 3))
     if asked is not None:
-        asked.wait()
+        asked.wait()  # not judged: the supervisor that would have written its certificate is dead
     until = time.monotonic() + REPLACED_S
     while before is not None and int(soak.rig.spine.latest()["tick"]) <= int(before["tick"]) + 1:  # type: ignore[index]
         soak.judge.holds("processes", time.monotonic() < until, "the Spine stands still without its supervisor")

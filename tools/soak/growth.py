@@ -20,6 +20,8 @@ BLOCKS = 20  # of a life; one median each, because neighbouring samples are alik
 TWO_SIDED = 2.1  # Student's t, 95 %, for about that many blocks
 MOST = {"rss_kb": 2048.0, "fds": 4.0, "segments": 0.5}  # more growth than this is no noise
 MOST_KB_PER_CERTIFICATE = 64.0
+# Both live as long as the robot, so both must have been judged before growth counts as checked.
+NEEDED = {"spine_rss_kb": "the Spine", "supervisor_rss_kb": "the supervisor"}
 Sample = tuple[int, float, float]  # whose (pid, or 0), when [s], value
 
 
@@ -66,6 +68,12 @@ def judged(series: dict[str, list[Sample]]) -> dict[str, Any]:
             span = f"{found['low']:.1f} to {found['high']:.1f} an hour, over {found['span_s']:.0f} s"
             raise Broken("growth", f"{name} grows by {found['per_hour']:.1f} an hour ({span})")
     return told
+
+
+def not_judged(told: dict[str, Any]) -> str:
+    """Why the answer of judged() says nothing of growth; "" if it does."""
+    short = [who for name, who in NEEDED.items() if not isinstance(told.get(name), dict)]
+    return f"the memory of {' and '.join(short)}: no process lived long enough" if short else ""
 
 
 def size_kb(folder: Path) -> float:

@@ -82,6 +82,7 @@ class Judge:
         self.stops: Counter[str] = Counter()  # how often which fault was latched
         self._tick: tuple[int, int, float] | None = None  # pid, tick, when it was new
         self._fault = 0
+        self._last: tuple[int, npt.NDArray[np.bool_]] | None = None  # tick and rows at the end of the read before
 
     def _note(self, invariant: str, count: int = 1, **worst: float) -> None:
         self.checked[invariant] += count
@@ -103,6 +104,7 @@ class Judge:
             raise Broken("torque", f"tick {records['tick'][at]}: {share[at].tolist()} of the joints' torque")
         self._note("torque", len(records), torque_share=float(share.max()))
         if blind:
+            self._last = None
             return
         status = records["joint_status"][:, :count]
         moved = (np.isin(records["mode"], (Mode.active, Mode.hold)))[:, None]
@@ -113,12 +115,19 @@ class Judge:
         self._note("inside", int(moved.any(axis=1).sum()))
         if moved.any():
             self._note("inside", 0, outside_rad=float(outside.max()))
-        beyond = np.ones((max(len(records) - IN_A_ROW + 1, 0), count), bool)
+        beyond = outside > joints.overrun_rad
+        ticks = records["tick"]
+        if self._last is not None and self._last[0] + 1 == int(ticks[0]):
+            beyond = np.concatenate([self._last[1], beyond])
+        before = len(beyond) - len(records)  # rows of the read before
+        self._last = (int(ticks[-1]), beyond[1 - IN_A_ROW :])
+        in_a_row = np.ones((max(len(beyond) - IN_A_ROW + 1, 0), count), bool)
         for i in range(IN_A_ROW):
-            beyond &= outside[i : i + len(beyond)] > joints.overrun_rad
-        if beyond.any():
-            at, joint = (int(each) for each in np.argwhere(beyond)[0])
-            why = f"tick {records['tick'][at]}: joint {joint} at {position[at, joint]:.4f} rad, and a law moves it"
+            in_a_row &= beyond[i : i + len(in_a_row)]
+        if in_a_row.any():
+            at, joint = (int(each) for each in np.argwhere(in_a_row)[0])
+            at = max(at - before, 0)
+            why = f"tick {ticks[at]}: joint {joint} at {position[at, joint]:.4f} rad, and a law moves it"
             raise Broken("inside", why)
 
     def alive(self, pid: int, expected: int, tick: int, now_s: float, is_alive: bool = True) -> None:

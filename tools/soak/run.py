@@ -42,6 +42,8 @@ class State:
     series: dict[str, list[Any]] = field(default_factory=dict)
     records: int = 0
     lost: int = 0
+    whole_machine: bool = False
+    broke_before: list[dict[str, Any]] = field(default_factory=list)  # what broke: action, invariant, why
 
     @staticmethod
     def read(path: Path) -> State:
@@ -58,7 +60,7 @@ class State:
 class Run:
     """A soak from its state on, until its time is over, something breaks, or Ctrl-C."""
 
-    def __init__(self, state: State, out: Path, whole_machine: bool) -> None:
+    def __init__(self, state: State, out: Path) -> None:
         self.state, self.out = state, out
         out.mkdir(parents=True, exist_ok=True)
         self.judge = Judge(codes_of_the_page())
@@ -69,7 +71,7 @@ class Run:
         self.watch.since_s = state.ran_s
         for name, samples in state.series.items():
             self.watch.series[name] = [(int(pid), t_s, value) for pid, t_s, value in samples]
-        self.soak = Soak(self.rig, self.watch, self.judge, whole_machine)
+        self.soak = Soak(self.rig, self.watch, self.judge, state.whole_machine)
         self.soak.codes = Counter(state.codes)
         self.soak.not_done = state.not_done
         self.before = (state.records, state.lost)
@@ -132,6 +134,7 @@ class Run:
 def repeat(state: State) -> str:
     """How to see it again: the last actions, which need not be enough, or all of them."""
     words = f"python -m tools.soak --robot {state.robot} --seed {state.seed} --seconds 36000"
+    words += " --whole-machine" if state.whole_machine else ""
     return (
         f"{words} --first {max(state.first, state.next - BEFORE)} --last {state.next} (or all: --first {state.first})"
     )
@@ -144,8 +147,10 @@ def report(state: State, broken: Broken | None, interrupted: bool) -> dict[str, 
         grown = growth.judged(series)
     except Broken as found:
         grown, broken = {"broken": found.why}, broken or found
-    told = {key: value for key, value in vars(state).items() if key != "series"}
+    told = {key: value for key, value in vars(state).items() if key not in ("series", "checked")}
     invariants = {name: {"says": says, "checked": state.checked.get(name, 0)} for name, says in INVARIANTS.items()}
+    if not broken and (why := growth.not_judged(grown)):
+        invariants["growth"] |= {"checked": 0, "why": why}
     whole = all(each["checked"] for each in invariants.values())
     verdict = "broken" if broken else "interrupted" if interrupted else "held" if whole else "incomplete"
     told |= {"verdict": verdict, "invariants": invariants, "growth": grown}
@@ -158,14 +163,22 @@ def report(state: State, broken: Broken | None, interrupted: bool) -> dict[str, 
 def one_line(told: dict[str, Any]) -> str:
     """The verdict."""
     done = f"{sum(told['actions'].values())} actions in {told['ran_s']:.0f} s, seed {told['seed']}"
+    before = "".join(
+        f"; broke before at action {each['action']}: {each['invariant']}: {each['why']}; resumed"
+        for each in told["broke_before"]
+    )
     if told["verdict"] == "broken":
         broken = told["broken"]
         return (f"BROKEN at action {broken['action']} ({broken['action_name']}), seed {told['seed']}: "
-                f"{broken['invariant']}: {broken['why']}\n  repeat: {broken['repeat']}")  # fmt: skip
+                f"{broken['invariant']}: {broken['why']}{before}\n  repeat: {broken['repeat']}")  # fmt: skip
     left = "".join(f"; not done: {name} ({why})" for name, why in told["not_done"].items())
-    unseen = [name for name, each in told["invariants"].items() if not each["checked"]]
+    unseen = [
+        f"{name} ({each['why']})" if "why" in each else name
+        for name, each in told["invariants"].items()
+        if not each["checked"]
+    ]
     left += f"; not checked: {', '.join(unseen)}" if unseen else ""
     words = {"held": "held", "incomplete": "INCOMPLETE, held so far (a longer one, or --resume)"}
     word = words.get(told["verdict"], "held so far (interrupted; --resume goes on)")
     checks = sum(each["checked"] for each in told["invariants"].values())
-    return f"{word}: {done}, {checks} checks of {len(told['invariants'])} invariants{left}"
+    return f"{word}: {done}, {checks} checks of {len(told['invariants'])} invariants{left}{before}"

@@ -95,6 +95,9 @@ class Seen:
         verdict.expect_steps((name for name in names if name not in steps or steps[name].code != 0), "board", said)
         self.told: dict[str, dict[str, Any]] = {name: document(steps, name) for name in names}
         verdict.facts[boot] = self.told
+        for name in names:
+            ended = name in steps and steps[name].code == 0
+            verdict.expect(not ended or bool(self.get(name)), f"{name}: it ended, and its document cannot be read")
 
     def get(self, name: str) -> dict[str, Any]:
         """The document of a step; empty if it was not taken, or failed."""
@@ -136,6 +139,8 @@ def judge_common(seen: Seen) -> None:
 def swap_line(seen: Seen) -> str:
     """What became of the laws, for people."""
     swaps, made = seen.get("swaps"), seen.get("swaps").get("swaps", {})
+    if not swaps:
+        return "swaps: not taken"
     committed = [law for law, each in made.items() if each["verdict"] == "committed"]
     took = sorted(each["seconds"] for each in made.values()) or [0.0]
     return (
@@ -188,6 +193,21 @@ def run_isolated(verdict: Verdict, cargo: Cargo, kernel: machine.Kernel, cache: 
     return str(seen.get("doctor").get("label"))
 
 
+def rt_lines(seen: Seen, isolated: str) -> list[str]:
+    """For people. `isolated`: the tier with the line of `lithe tune`."""
+    cpus, diagnosis = seen.get("robot").get("cpus", {}), seen.get("doctor")
+    doctor = (
+        f"kernel {told_kernel(diagnosis)}, tier {diagnosis.get('label')}, booted with the line of `lithe tune` "
+        f"{isolated}; all {board_x.ITEMS} items as a shell script reads them"
+    )
+    return [
+        f"doctor: {doctor if diagnosis else 'not taken'}",
+        f"lithe run: {seen.get('robot').get('mode')}, Spine on core {cpus.get('spine')}; plans from Python: "
+        f"{seen.get('brain').get('seen_rad')} rad of {seen.get('brain').get('wanted_rad')}",
+        swap_line(seen),
+    ]
+
+
 def run_r(verdict: Verdict, cache: Path, only: str) -> None:
     """Debian's PREEMPT_RT kernel: a robot on it; then the doctor where cores are isolated."""
     kernel = kernel_of("linux-image-rt-amd64", machine.AMD64, cache)
@@ -198,15 +218,8 @@ def run_r(verdict: Verdict, cache: Path, only: str) -> None:
     judge_rt(seen, kernel)
     judge_doctor(seen, UNPREPARED)
     judge_common(seen)
-    isolated = run_isolated(verdict, cargo, kernel, cache) if "doctor" in names else "not asked"
-    cpus, diagnosis = seen.get("robot").get("cpus", {}), seen.get("doctor")
-    verdict.lines += [
-        f"doctor: kernel {told_kernel(diagnosis)}, tier {diagnosis.get('label')}, booted with the line of `lithe tune` "
-        f"{isolated}; all {board_x.ITEMS} items as a shell script reads them",
-        f"lithe run: {seen.get('robot').get('mode')}, Spine on core {cpus.get('spine')}; plans from Python: "
-        f"{seen.get('brain').get('seen_rad')} rad of {seen.get('brain').get('wanted_rad')}",
-        swap_line(seen),
-    ]
+    isolated = run_isolated(verdict, cargo, kernel, cache) if "doctor" in names else ""
+    verdict.lines += rt_lines(seen, isolated)
 
 
 def build_arm(programs: tuple[str, ...]) -> Path:

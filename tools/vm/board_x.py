@@ -130,6 +130,7 @@ def expect_given_back(verdict: Verdict, steps: dict[str, Step], boot: str) -> in
     """Every setting that `apply` has changed is as it was; how many there are."""
     before, after = settings(steps, "settings"), settings(steps, "settings-after")
     different = [path for path in before if after.get(path) != before[path]]
+    verdict.expect(bool(before), f"{boot}: nobody looked at the settings before apply")
     verdict.expect(not different, f"{boot}: not given back by revert: {', '.join(different)}")
     made = [step for step in document(steps, "apply").get("steps", []) if step["kind"] != "file"]
     verdict.expect(bool(made), f"{boot}: apply changed no setting")
@@ -161,7 +162,9 @@ def judge_tuned(verdict: Verdict, steps: dict[str, Step], line: str, original: d
     verdict.expect("1" in pinned, f"no thread of the Spine is on core 1 only, says the kernel: {pinned}")
     plan = document(steps, "plan")
     again = [each for part in ("changes", "not_done") for each in plan.get(part, []) if each["item"] == "boot_line"]
-    verdict.expect(not again, f"after the boot, `lithe tune plan` is not content with the boot line: {again}")
+    verdict.expect(
+        bool(plan) and not again, f"after the boot, `lithe tune plan` is not content with the boot line: {again}"
+    )
     count = expect_given_back(verdict, steps, "tuned boot")
     files = {path: digest for digest, path in (row.split() for row in steps["files-after"].text.strip().splitlines())}
     wanted = {

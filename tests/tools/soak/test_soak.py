@@ -92,6 +92,23 @@ def test_the_guard_may_need_a_tick_to_see_it(judge: Judge) -> None:
     assert judge.worst["outside_rad"] == pytest.approx(0.25)
 
 
+@pytest.mark.parametrize("reads", [(1, 2), (2, 1), (1, 1, 1)])
+def test_three_samples_outside_are_seen_across_reads(judge: Judge, reads: tuple[int, ...]) -> None:
+    *before, last = np.split(moving(3, position_rad=1.25), np.cumsum(reads)[:-1])
+    for each in before:
+        judge.records(each, ONE, blind=False)
+    assert "joint 0 at 1.2500 rad" in breaks("inside", lambda: judge.records(last, ONE, blind=False))
+
+
+@pytest.mark.parametrize("read", [True, False])
+def test_samples_with_a_lost_or_blind_one_between_them_are_not_in_a_row(judge: Judge, read: bool) -> None:
+    records = moving(5, position_rad=1.25)
+    judge.records(records[:2], ONE, blind=False)
+    judge.records(records[2:3][:read], ONE, blind=True)
+    judge.records(records[3:], ONE, blind=False)
+    assert judge.checked["inside"] == 4
+
+
 @pytest.mark.parametrize("torque_nm", [0.61, -0.61, np.nan, np.inf])
 def test_a_torque_beyond_the_joints_or_no_number_is_seen_also_during_a_fault(judge: Judge, torque_nm: float) -> None:
     records = moving()
@@ -354,20 +371,6 @@ def test_a_robot_file_gets_terminals_and_patience(tmp_path: Path) -> None:
     assert told["law"] == str(ROOT / "laws/pd.cpp")
     with pytest.raises(rig.LitheError, match="not simulated"):
         rig.at_terminals(TERMINALS.replace('"loop"', '"socketcan"'), ROOT / "robots/x.toml", tmp_path)
-
-
-def test_a_broken_soak_names_invariant_action_seed_and_how_to_repeat_it() -> None:
-    state = run.State("robots/arm.toml", 7, 60.0, next=20, actions={"swap": 20})
-    told = run.report(state, Broken("ticking", "it stands"), interrupted=False)
-    line = run.one_line(told)
-    assert told["verdict"] == "broken"
-    assert line.startswith(f"BROKEN at action 20 ({actions.drawn(7, 20)[0]}), seed 7: ticking: it stands\n")
-    assert "--robot robots/arm.toml --seed 7 --seconds 36000 --first 12 --last 20 (or all: --first 0)" in line
-    assert run.one_line(run.report(state, None, interrupted=True)).startswith("held so far")
-    state.checked = dict.fromkeys(INVARIANTS, 1)
-    assert run.one_line(run.report(state, None, interrupted=False)).startswith("held: 20 actions")
-    state.series = {"spine_rss_kb": [[1, t_s, 20_000 + 30_000 * t_s / 3600] for t_s in range(0, 1200, 5)]}
-    assert run.report(state, None, interrupted=False)["broken"]["invariant"] == "growth"
 
 
 def test_a_soak_goes_on_with_the_next_action_and_all_that_it_has_counted(tmp_path: Path) -> None:
