@@ -77,6 +77,11 @@ def block(probe: Probe, seconds: float) -> Bins:
     return bins
 
 
+def requests_per_s(requests: int, rounds: int, block_s: float) -> float:
+    """In each round the agent asks during the block, and half of PAUSE_S before and after it."""
+    return requests / (rounds * (block_s + PAUSE_S))
+
+
 def measure(asked: argparse.Namespace) -> dict[str, Any]:
     """All figures."""
     order = random.Random(1)
@@ -105,7 +110,7 @@ def measure(asked: argparse.Namespace) -> dict[str, Any]:
             child.stdin.close()
         told = control(probe)
     both = {"busy": np.sum(busy, axis=0), "quiet": np.sum(quiet, axis=0)}
-    out: dict[str, Any] = {"agent_requests_per_s": requests / (asked.rounds * asked.block)}
+    out: dict[str, Any] = {"agent_requests_per_s": requests_per_s(requests, asked.rounds, asked.block)}
     for key, bins in both.items():
         out |= {f"agent_{key}_p50_us": quantile_us(bins, 0.5), f"agent_{key}_p99_us": quantile_us(bins, 0.99),
                 f"agent_{key}_p999_us": quantile_us(bins, 0.999), f"agent_{key}_max_us": quantile_us(bins, 1.0),

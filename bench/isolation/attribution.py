@@ -1,19 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """What made a release late, from the kernel's own records: tracefs tells which task had the Spine's core, and when an
-interrupt came. Only root reads it, and only where it is mounted."""
+interrupt came. Only root reads it, and only where it is mounted.
+
+Time counts as stolen when it passed and the thread did not use it. A kernel that leaves interrupts out of a thread's
+time makes them look the same: only the trace tells them apart then.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import gzip
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
-from bench.isolation.figures import CAUSES, LEAST_US, Records
+from bench.isolation.figures import CAUSES, LEAST_US, PERIOD_NS, Records
 
 TRACEFS = Path("/sys/kernel/tracing")
 INSTANCE = "lithe_bench"  # a trace of our own: nobody else's is touched
@@ -21,11 +26,27 @@ EVENTS = ("sched/sched_switch", "irq/irq_handler_entry", "irq_vectors", "ipi/ipi
 BUFFER_KIB = 8192
 INTERRUPT_NS = 50_000  # an interrupt, with what the kernel does after it, delays what comes within this time
 PF_KTHREAD = 0x200000
+CONFIGS = (Path("/proc/config.gz"), Path(f"/boot/config-{os.uname().release}"))
+# What the kernel leaves out of a thread's processor time.
+LEFT_OUT = {
+    "machine_irq_time_accounting": b"CONFIG_IRQ_TIME_ACCOUNTING=y",
+    "machine_steal_accounting": b"CONFIG_PARAVIRT_TIME_ACCOUNTING=y",
+}
 LINE = re.compile(r"\s(\d+)\.(\d{6}): (\w+):(.*)")
 KERNEL_THREAD, TICK, INTERRUPT, OTHER_TASK, UNKNOWN = map(
     CAUSES.index, ("kernel_thread", "tick", "interrupt", "other_task", "unknown")
 )
 Span = tuple[int, int, int]  # from, until [ns of CLOCK_MONOTONIC], index in CAUSES
+
+
+def accounting(configs: Iterable[Path] = CONFIGS) -> dict[str, bool | None]:
+    """The figures LEFT_OUT, from the kernel's configuration; None: no file tells it."""
+    for path in configs:
+        with contextlib.suppress(OSError):
+            text = path.read_bytes()
+            lines = (gzip.decompress(text) if path.suffix == ".gz" else text).splitlines()
+            return {key: line in lines for key, line in LEFT_OUT.items()}
+    return dict.fromkeys(LEFT_OUT)
 
 
 def is_kernel_thread(pid: int) -> bool:
@@ -70,11 +91,21 @@ def attribute(records: Records, ran: list[Span]) -> None:
         records["told"][at] = next(iter(ran_there), int(record["told"]) or 1 + UNKNOWN)
 
 
-class Trace:
-    """The trace of one core, from entering to leaving. `why_not`: why there is none; then nothing is attributed."""
+def keep_interrupted(records: Records, ran: list[Span]) -> None:
+    """What is less than a period from an interrupt is not stolen any more: the interrupt may have taken that time."""
+    at_ns = np.sort([since_ns for since_ns, _, cause in ran if cause in (TICK, INTERRUPT)])
+    ends_ns = records["release_ns"] + records["late_ns"] + PERIOD_NS
+    near = np.searchsorted(at_ns, ends_ns) > np.searchsorted(at_ns, records["release_ns"] - PERIOD_NS)
+    records["stolen_ns"][near] = 0
 
-    def __init__(self, core: int, tracefs: Path = TRACEFS) -> None:
-        self.why_not = ""
+
+class Trace:
+    """The trace of one core, from entering to leaving. `why_not`: why there is none; then nothing is attributed.
+    `untraced`: how many blocks of records had no whole trace. `apart`: interrupts may be left out of a thread's time.
+    """
+
+    def __init__(self, core: int, tracefs: Path = TRACEFS, *, apart: bool = False) -> None:
+        self.why_not, self.untraced, self._apart = "", 0, apart
         self._core, self._folder, self._pipe = core, tracefs / "instances" / INSTANCE, -1
 
     def __enter__(self) -> Self:
@@ -106,16 +137,21 @@ class Trace:
         with contextlib.suppress(OSError):
             self._folder.rmdir()
 
-    def read(self) -> str:
-        """What came since the last call; nothing without a trace, or when the kernel had to drop some of it."""
+    def read(self) -> str | None:
+        """What came since the last call; None without a trace, or when the kernel had to drop some of it."""
         pieces = []
         with contextlib.suppress(BlockingIOError):
             while self._pipe >= 0 and (piece := os.read(self._pipe, 1 << 20)):
                 pieces.append(piece)
         text = b"".join(pieces).decode(errors="replace")
-        return "" if "LOST" in text else text
+        return None if self._pipe < 0 or "LOST" in text else text
 
     def attribute(self, records: Records, pid: int) -> None:
         """The same for records of the process `pid` since the last read()."""
-        if text := self.read():
-            attribute(records, spans(text, {int(each) for each in os.listdir(f"/proc/{pid}/task")}))
+        text = self.read()
+        self.untraced += text is None
+        if text:
+            ran = spans(text, {int(each) for each in os.listdir(f"/proc/{pid}/task")})
+            attribute(records, ran)
+            if self._apart:
+                keep_interrupted(records, ran)

@@ -31,7 +31,7 @@ from lithe.programs import binary
 
 from bench import report
 from bench.isolation import loads, plot, table
-from bench.isolation.attribution import Trace
+from bench.isolation.attribution import Trace, accounting
 from bench.isolation.figures import (
     CONTROL,
     FLOOR,
@@ -153,7 +153,8 @@ class Bench:
 
     def run(self) -> None:
         """All workloads, then the control."""
-        trace = Trace(self.spine)
+        self.told |= accounting()
+        trace = Trace(self.spine, apart=self.told["machine_irq_time_accounting"] is not False)
         with trace, Subject(",".join(map(str, self.all)), self.folder / "records", trace) as subject:
             self.told["attribution"] = trace.why_not or "the kernel's trace of switches and interrupts"
             peers = Peers(subject, self.all, self.spine, self.folder)
@@ -164,6 +165,7 @@ class Bench:
                 with undisturbed():
                     peers.close()
             control = subject.run("control", CONTROL_BLOCKS, CONTROL_BLOCKS)
+            self.told["untraced_blocks"] = trace.untraced
         self.told |= {f"{name}_absent": why for name, why in peers.absent.items()}
         last = self.seen[self.plan.workloads[-1]]  # idle, unless it was left out
         self.told["control_over_floor"] = ratio(calm([control[control["program"] == CONTROL]]), calm(last["floor"]))

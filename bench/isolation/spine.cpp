@@ -27,11 +27,12 @@ namespace {
 constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
 
 // bench/isolation/figures.py reads these bytes.
-enum class Program : std::uint16_t { floor, lithe, control, cyclictest };
+enum class Program : std::uint8_t { floor, lithe, control, cyclictest };
 struct Record {
   std::int64_t late_ns, stolen_ns, handoff_ns, release_ns;
   std::uint16_t switches, sleeps;
   Program program;
+  bool missed;
   std::uint16_t told;  // what made it late: kOurs, or what a reader of the kernel's trace adds
 };
 constexpr std::uint16_t kOurs = 6;  // 1 and the index of "ours" in CAUSES there
@@ -72,6 +73,7 @@ class Subject {
                           static_cast<std::uint16_t>(each.switches),
                           static_cast<std::uint16_t>(each.sleeps),
                           program,
+                          each.missed,
                           each.own ? kOurs : std::uint16_t{0}};
       written_ += std::fwrite(&record, sizeof record, 1, file_);
     }

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from bench.isolation.attribution import TRACEFS
 from bench.isolation.loads import APT, WORKLOADS
 from bench.report import DISTURBED
 from bench.swap.stats import LIMITS_US
@@ -25,6 +26,7 @@ BOOT = "isolate the Spine's core at boot: `lithe tune plan`"
 HOST = "measure on bare metal, or where the hypervisor gives this guest its cores; leave one core idle"
 MISSING = f"{APT} rt-tests"
 LONGER = "measure longer: `--seconds 60` or more, or `--paper`"
+TRACED = f"measure as root, after `mount -t tracefs nodev {TRACEFS}`"
 ALL = "leave out `--workload`"
 
 
@@ -68,6 +70,11 @@ def doubts(told: Figures, workloads: list[str]) -> list[tuple[str, str]]:
             found.append((f"{name}: the load ended by itself", f"read {told.get('loads_log')}"))
         if told.get(f"shield_lost_{name}"):
             found.append((f"{name}: the shield was lowered during the run", "measure again, and leave the shield up"))
+    apart = told.get("machine_irq_time_accounting")
+    stolen = any(number(told, f"steal_share_{name}") > 0 for name in workloads)
+    if apart is not False and told.get("untraced_blocks") != 0 and stolen:
+        words = "leaves interrupts out of a thread's time" if apart else "has no configuration to read"
+        found.append((f"stolen time may be that of interrupts: the kernel {words}, and no whole trace tells", TRACED))
     if not number(told, "control_over_floor") >= CONTROL_AT_LEAST:
         ratio = number(told, "control_over_floor")
         words = f"the negative control did not fail: {ratio:.1f} x the floor, at least {CONTROL_AT_LEAST:.0f} expected"

@@ -25,13 +25,26 @@ struct Cycle {
   std::int64_t cost_ns = kUnknownNs;     // the whole tick without its law; likewise
   std::int64_t bus_ns = kUnknownNs;      // the exchange that brought the tick's sample; likewise
   std::int64_t release_ns = 0;           // when it was due, CLOCK_MONOTONIC
-  bool own = false;                      // skipped, because the tick before it took that long; no other task ran
+  bool own = false;                      // due while the tick before it ran: see delayed()
+  bool missed = false;                   // as in docs/rt.md: no tick ran, or it ended after the next release
 
   // The hypervisor had the core: time is missing, no other thread of this machine ran instead, this one never slept.
   bool stolen() const { return switches == 0 && sleeps == 0 && stolen_ns > std::max<std::int64_t>(5000, late_ns / 2); }
 };
 
 inline std::int64_t spine_period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz + 0.5); }
+
+// The release of `at_ns`, which had to wait until the tick `ran` ended. It is that tick's own if it was due in it, and
+// neither another task nor the hypervisor explains the delay.
+inline Cycle delayed(const Cycle& ran, std::int64_t ended_ns, std::int64_t at_ns) {
+  Cycle cycle = ran;
+  cycle.handoff_ns = cycle.cost_ns = cycle.bus_ns = kUnknownNs;
+  cycle.release_ns = at_ns;
+  cycle.late_ns = ended_ns - at_ns;
+  const bool in_the_tick = at_ns > ran.release_ns + ran.late_ns && at_ns <= ended_ns;
+  cycle.own = in_the_tick && cycle.switches == 0 && !cycle.stolen();
+  return cycle;
+}
 
 // Runs `body(release_ns, woke_ns, skipped, cycle, cycle_before)` at every release as long as `more(release_ns)` holds,
 // and appends a Cycle for each of them. Waits by spinning, if no other way is given: then a cycle that slept never
@@ -43,6 +56,7 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
   grid.start(clock.now_ns());
   const std::size_t first = cycles.size();
   ThreadToll before = thread_toll();
+  bool own = false;
   for (std::uint32_t skipped = 0; more(grid.release_ns());) {
     const std::int64_t release_ns = grid.release_ns();
     const std::int64_t woke_ns =
@@ -56,18 +70,15 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
     cycle.switches = after.involuntary_switches - before.involuntary_switches;
     cycle.sleeps = after.voluntary_switches - before.voluntary_switches;
     cycle.faults = after.minor_faults - before.minor_faults;
+    cycle.own = own;
     before = after;
     clock.follow();
     const std::int64_t now_ns = clock.now_ns();
     skipped = grid.advance(now_ns);
-    Cycle missed = cycle;
-    missed.handoff_ns = missed.cost_ns = missed.bus_ns = kUnknownNs;
-    for (std::uint32_t i = skipped; i > 0; --i) {
-      missed.release_ns = grid.release_ns() - i * period_ns;
-      missed.late_ns = now_ns - missed.release_ns;
-      missed.own = missed.release_ns > woke_ns && missed.switches == 0;
-      cycles.push_back(missed);
-    }
+    cycle.missed = now_ns > release_ns + period_ns;
+    for (std::uint32_t i = skipped; i > 0; --i)
+      cycles.push_back(delayed(cycle, now_ns, grid.release_ns() - i * period_ns));
+    own = delayed(cycle, now_ns, grid.release_ns()).own;
     cycles.push_back(cycle);  // last, because the next tick adds figures to this one
   }
 }

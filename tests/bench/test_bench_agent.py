@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from bench.agent.__main__ import ratio_interval
+from bench.agent.__main__ import PAUSE_S, ratio_interval, requests_per_s
 
 
 def rounds(late_bin: int, count: int, seed: int) -> list[np.ndarray]:
@@ -28,3 +28,7 @@ def test_the_interval_holds_the_true_ratio_and_not_twice_it(octaves: int) -> Non
 def test_too_few_rounds_tell_no_interval() -> None:
     low, middle, high = ratio_interval(rounds(300, 4, 1), rounds(300, 4, 2))
     assert low is None and high is None and middle is not None
+
+
+def test_requests_are_counted_over_all_the_time_in_which_the_agent_asks() -> None:
+    assert PAUSE_S == 0.3 and requests_per_s(6600, rounds=20, block_s=3.0) == pytest.approx(100)

@@ -88,6 +88,25 @@ def test_without_the_verb_shield_says_so(
             run.shielded(["--shield"])
 
 
+@pytest.mark.parametrize(("known", "apart"), [(True, True), (None, True), (False, False)])
+def test_interrupts_may_be_apart_unless_the_kernel_says_no(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, known: bool | None, apart: bool
+) -> None:
+    run, asked = module("run", monkeypatch), []
+
+    def trace(core: int, *, apart: bool) -> None:
+        asked.append((core, apart))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "accounting", lambda: {"machine_irq_time_accounting": known})
+    monkeypatch.setattr(run, "Trace", trace)
+    bench = run.Bench.__new__(run.Bench)
+    bench.spine, bench.told = 3, {}
+    with pytest.raises(KeyboardInterrupt):
+        bench.run()
+    assert asked == [(3, apart)] and bench.told == {"machine_irq_time_accounting": known}
+
+
 @pytest.mark.parametrize(
     ("cores", "free", "shielded"),
     [([0, 1], [0], "0"), ([0, 1, 2], [0], "0"), ([0, 1, 2, 3], [0, 3], "0,3")],  # Spine 1, its partner the next
@@ -217,6 +236,7 @@ def test_a_short_run_from_end_to_end(tmp_path: Path) -> None:
     programs = ("floor", "lithe", "plain_loop")
     keys = {f"{program}_stress_over_{limit_us}us" for program in programs for limit_us in (1, 5, 20, 100)}
     keys |= {f"r999_floor_{name}" for name in ("stress", "numpy", "swap", "compile", "idle")}
+    keys |= {"machine_irq_time_accounting", "machine_steal_accounting", "untraced_blocks", "missed_deadlines_idle_ours"}
     keys |= {"r999_cyclictest_stress", "r999_plain_loop_numpy", "steal_share", "steal_share_kernel_stress"}
     assert keys <= told.keys(), keys - told.keys()
     assert told["control_over_floor"] is not None, "the control was measured"
