@@ -87,16 +87,18 @@ def attribute(records: Records, ran: list[Span]) -> None:
         for since_ns, until_ns, cause in ran:
             took_ns[cause] += max(0, min(until_ns, woke_ns) - max(since_ns, release_ns))
         task = KERNEL_THREAD if took_ns[KERNEL_THREAD] > took_ns[OTHER_TASK] else OTHER_TASK
-        ran_there = [1 + cause for cause in (task, TICK, INTERRUPT) if took_ns[cause]]
-        records["told"][at] = next(iter(ran_there), int(record["told"]) or 1 + UNKNOWN)
+        ran_there = [cause for cause in (task, TICK, INTERRUPT) if took_ns[cause]]
+        if record["told"] and sum(took_ns.values()) < record["late_ns"] / 2:
+            continue  # ours: what came in that time explains too little of it
+        records["told"][at] = 1 + ran_there[0] if ran_there else int(record["told"]) or 1 + UNKNOWN
 
 
 def keep_interrupted(records: Records, ran: list[Span]) -> None:
-    """What is less than a period from an interrupt is not stolen any more: the interrupt may have taken that time."""
+    """Less time is stolen from what is less than a period from interrupts: each may have taken INTERRUPT_NS of it."""
     at_ns = np.sort([since_ns for since_ns, _, cause in ran if cause in (TICK, INTERRUPT)])
     ends_ns = records["release_ns"] + records["late_ns"] + PERIOD_NS
-    near = np.searchsorted(at_ns, ends_ns) > np.searchsorted(at_ns, records["release_ns"] - PERIOD_NS)
-    records["stolen_ns"][near] = 0
+    near = np.searchsorted(at_ns, ends_ns) - np.searchsorted(at_ns, records["release_ns"] - PERIOD_NS)
+    records["stolen_ns"] = np.maximum(records["stolen_ns"] - near * INTERRUPT_NS, 0)
 
 
 class Trace:

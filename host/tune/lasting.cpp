@@ -12,6 +12,7 @@
 
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/files.hpp"
+#include "spine/core/lookup.hpp"
 
 namespace lithe::host {
 namespace {
@@ -21,6 +22,7 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMostBytes = std::size_t{64} << 10;  // of a file below /etc
 constexpr const char* kWritten = "# Written by lithe tune. lithe tune revert removes it.\n";
 constexpr const char* kRulesFolder = "/etc/udev/rules.d";
+constexpr const char* kByNumber = "ATTRS{idVendor}";
 constexpr const char* kNoDevice = "no such device is there now, or it is a virtual one: no rule";
 
 struct Text {
@@ -84,9 +86,8 @@ SerialMatch matches_of(const fs::path& device) {
     if (!is_plain(vendor) || !is_plain(product)) continue;
     const std::string serial = attribute(folder, "serial");
     const std::string port = (below.empty() ? folder : below).filename().string();
-    return {is_plain(serial) ? fmt::format("ATTRS{{idVendor}}==\"{}\", ATTRS{{idProduct}}==\"{}\", "
-                                           "ATTRS{{serial}}==\"{}\", ",
-                                           vendor, product, serial)
+    return {is_plain(serial) ? fmt::format("{}==\"{}\", ATTRS{{idProduct}}==\"{}\", ATTRS{{serial}}==\"{}\", ",
+                                           kByNumber, vendor, product, serial)
                              : "",
             is_plain(port) ? fmt::format("KERNELS==\"{}\", ", port) : ""};
   }
@@ -147,15 +148,25 @@ Plan unit_plan(const HostFiles& files, const std::string& program, const std::ve
 Plan rules_plan(const HostFiles& files, const robot::RobotConfig& robot) {
   Plan plan;
   if (!files.has("/usr/bin/udevadm") && !files.has("/bin/udevadm")) return plan;
+  const std::string name = "70-lithe-" + robot.name + ".rules", path = std::string(kRulesFolder) + "/" + name;
+  const std::string before = files.read(path).value;
   std::string rules;
+  bool absent = false, by_number = false, ambiguous = false;
   for (const robot::BusConfig& bus : robot.buses) {
     const bool serial = robot::is_serial(bus);
     if (!robot::is_real(bus) || (!serial && bus.interface.empty())) continue;
     const std::string device = serial ? bus.path : "/sys/class/net/" + bus.interface;
     const Match found = serial ? serial_match(files, bus.path) : Match{net_match(files, bus.interface), kNoDevice};
     const std::string& match = found.text;
+    by_number = by_number || match.starts_with(kByNumber);
     if (match.empty()) {
       plan.not_done.push_back({kRulesItem, device, found.why_not});
+      ambiguous = ambiguous || found.why_not != kNoDevice;
+      if (found.why_not != kNoDevice) continue;
+      absent = absent || serial;  // what is unplugged now keeps its rule
+      const std::string link = serial ? "SYMLINK+=\"lithe/" + bus.name + "\"" : "NAME=\"" + bus.interface + "\"";
+      for (const std::string_view line : lines_in(before))
+        if (has_text(line, link)) rules += std::string(line) + "\n";
     } else if (serial) {
       rules += fmt::format("SUBSYSTEM==\"tty\", {}SYMLINK+=\"lithe/{}\", GROUP=\"dialout\", MODE=\"0660\"\n", match,
                            bus.name);
@@ -168,11 +179,10 @@ Plan rules_plan(const HostFiles& files, const robot::RobotConfig& robot) {
       rules += fmt::format("SUBSYSTEM==\"net\", ACTION==\"add\", {}NAME=\"{}\"\n", match, bus.interface);
     }
   }
-  const std::string name = "70-lithe-" + robot.name + ".rules";
-  // What is unplugged now keeps its rule.
-  const bool stays = !plan.not_done.empty() && files.has(std::string(kRulesFolder) + "/" + name);
-  if (stays) plan.notes.push_back(fmt::format("{}/{} stays as it is: not every device is there", kRulesFolder, name));
-  if (!rules.empty() && !stays) {
+  if (absent && by_number)
+    plan.notes.push_back(
+        "an adapter is known by its number: apply again with all plugged in, should two have the same");
+  if (!rules.empty() || (ambiguous && !before.empty())) {
     plan_text(files, plan,
               {kRulesItem, kRulesFolder, name, rules,
                "the devices of the robot's buses keep their names, and its user may open them"});

@@ -25,9 +25,9 @@ inline constexpr const char* kRulesItem = "udev_rules";
 Plan unit_plan(const HostFiles& files, const std::string& program, const std::vector<int>& cores, bool partition);
 
 // Rules of udev for the devices that a robot's buses name: a CAN interface keeps its name, an adapter behind a serial
-// device gets a name that stays (/dev/lithe/BUS) and rights for the group dialout: by its USB device's number, or by the
-// port where another device there has the same number. A device that is not there, or that cannot be told from another,
-// is `not_done`.
+// device gets a name that stays (/dev/lithe/BUS) and rights for the group dialout: by its USB device's number, or by
+// the port where another device there has the same number. One that is not there is `not_done`, and keeps its rule of
+// before; one that cannot be told from another is `not_done`, too, and has none.
 Plan rules_plan(const HostFiles& files, const robot::RobotConfig& robot);
 
 // Kernel settings, until the next boot, that keep other work off the robot's cores.

@@ -130,6 +130,7 @@ TEST_F(LastingTest, DevicesWithTheSameNumberAreToldApartByTheirPortOrGetNoRule) 
     root_.write("/sys/devices/usb1/" + usb + "/idProduct", "6010\n");
     root_.write("/sys/devices/usb1/" + usb + "/serial", "0001\n");
   };
+  const std::string kNumber = "ATTRS{idVendor}==\"0403\", ATTRS{idProduct}==\"6010\", ATTRS{serial}==\"0001\", ";
   adapter("ttyUSB0", "1-1", ":1.0");
   robot::RobotConfig both = robot(serial("/dev/ttyUSB0"));
   both.buses.push_back(serial("/dev/ttyUSB1"));
@@ -153,14 +154,18 @@ TEST_F(LastingTest, DevicesWithTheSameNumberAreToldApartByTheirPortOrGetNoRule) 
   fs::remove_all(root_.path() + "/sys/class/tty/ttyUSB1");
   fs::remove(root_.path() + "/dev/ttyUSB1");
   plan = rules_plan(files(), both);
-  EXPECT_TRUE(plan.changes.empty()) << "what is unplugged now keeps its rule";
+  ASSERT_EQ(plan.changes.size(), 1u) << "its twin is gone: the other is known by its number";
+  EXPECT_TRUE(has_rule(plan.changes[0].after, "KERNELS==\"1-2:1.0\", ", "right")) << "what is unplugged keeps its rule";
+  EXPECT_TRUE(has_rule(plan.changes[0].after, kNumber, "left")) << plan.changes[0].after;
   EXPECT_EQ(plan.not_done.size(), 1u);
-  EXPECT_NE(plan.notes.back().find(rules + " stays as it is"), std::string::npos) << plan.notes.back();
+  EXPECT_NE(plan.notes.back().find("apply again with all plugged in"), std::string::npos) << plan.notes.back();
+  root_.write(rules, plan.changes[0].after);
+  EXPECT_TRUE(rules_plan(files(), both).changes.empty());
 
-  fs::remove(root_.path() + rules);
   adapter("ttyUSB1", "1-1", ":1.0");  // two ports of one interface
   plan = rules_plan(files(), both);
-  EXPECT_TRUE(plan.changes.empty());
+  ASSERT_EQ(plan.changes.size(), 1u);
+  EXPECT_EQ(plan.changes[0].after.find("SYMLINK"), std::string::npos) << "a rule that may be of the wrong one goes";
   ASSERT_EQ(plan.not_done.size(), 2u);
   EXPECT_NE(plan.not_done[0].why.find("cannot be told from it"), std::string::npos) << plan.not_done[0].why;
 }

@@ -16,6 +16,7 @@
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/shield_group.hpp"
 #include "spine/core/lookup.hpp"
+#include "spine/core/text.hpp"
 
 namespace lithe::host {
 namespace {
@@ -63,7 +64,7 @@ void add_unit(const Target& target, TunePlan& plan) {
   // Not enabled, as after an apply that was killed before it could tell the command.
   const bool waits =
       files.has(folder + "/" + kUnit) && !contains(files.list(folder + "/multi-user.target.wants"), std::string(kUnit));
-  const std::string root = target.image ? fmt::format("--root={} ", target.root) : "";
+  const std::string root = target.image ? fmt::format("--root={} ", shell_word(target.root)) : "";
   if (!unit.changes.empty() || waits) plan.commands.push_back(fmt::format("systemctl {}enable {}", root, kUnit));
   add(plan, std::move(unit));
 }
@@ -130,11 +131,9 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
   auto journal = Journal::open(book.path(target), book.boot(target), false, hook);
   if (!journal) return journal.error();
   if (journal->unreadable_lines() > 0) {
-    result.notes.push_back(
-        fmt::format("{}: {} lines cannot be read, or are of another container: what they say is not "
-                    "undone; read them, then: lithe tune revert --force",
-                    journal->path(), journal->unreadable_lines()));
-    result.unreadable = !forget;
+    result.notes.push_back(fmt::format("{}: {} lines cannot be read: what they say is not undone{}", journal->path(),
+                                       journal->unreadable_lines(), forget ? "" : " (--force gives them up)"));
+    result.incomplete = result.incomplete || !forget;
   }
   auto partition = unmake_partition(*journal, Writer(target.root, hook));
   if (!partition) return partition.error();
@@ -150,8 +149,13 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
 
 }  // namespace
 
+void TuneResult::refuse(const Error& why) {
+  notes.push_back("the rest was not done: " + why.message);
+  incomplete = true;
+}
+
 bool TuneResult::well() const {
-  return !still_shielded && !no_partition && !unreadable &&
+  return !still_shielded && !no_partition && !incomplete &&
          std::ranges::all_of(steps, [](const Step& each) { return each.well(); });
 }
 
@@ -177,8 +181,11 @@ Result<TuneResult> tune_apply(const Target& target, const std::vector<Change>& c
   TuneResult result;
   if (const Result<> part = lower_old_shield(target, result); !part) return part.error();
   // The lasting ones first: on a read-only disk their journal is refused, and nothing has been changed then.
-  for (const Book& book : {kLasting, kRun})
-    if (const Result<> part = apply_to(book, target, changes, hook, result); !part) return part.error();
+  for (const Book& book : {kLasting, kRun}) {
+    const Result<> part = apply_to(book, target, changes, hook, result);
+    if (!part && result.steps.empty()) return part.error();
+    if (!part) result.refuse(part.error());
+  }
   const bool boots = std::ranges::any_of(
       result.steps, [](const Step& each) { return each.outcome == Outcome::done && each.change.reboot; });
   if (boots && !target.image) result.notes.push_back("the boot line is in force after a reboot");
@@ -192,7 +199,9 @@ Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook
   std::set<std::string> undone;
   for (const Book& book : {kRun, kLasting}) {
     if (book.lasting || !target.image) {
-      if (const Result<> part = revert_in(book, target, forget, hook, result, undone); !part) return part.error();
+      const Result<> part = revert_in(book, target, forget, hook, result, undone);
+      if (!part && result.steps.empty()) return part.error();
+      if (!part) result.refuse(part.error());
     }
   }
   const auto tell = [&](const std::vector<std::string>& commands) {
@@ -200,7 +209,8 @@ Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook
   };
   if (undone.contains(kRulesItem) && !target.image) tell({kReloadRules});
   if (undone.contains(kUnitItem))
-    tell({fmt::format("rm -f {}{}/multi-user.target.wants/{}", target.root, kUnitFolder, kUnit)});
+    tell({fmt::format("rm -f {}{}/multi-user.target.wants/{}", target.image ? shell_word(target.root) : "", kUnitFolder,
+                      kUnit)});
   if (undone.contains(kBootItem)) tell(boot_commands(files_of(target)));
   if (undone.contains(kBootItem) && !target.image)
     result.notes.push_back("the kernel keeps its isolated cores until the next boot");

@@ -39,9 +39,10 @@ struct TuneResult {
   std::vector<std::string> notes{};
   std::vector<std::string> commands{};  // of revert: to run afterwards
   bool no_partition = false;            // it was planned, and the kernel made none; a note says why
-  bool unreadable = false;              // of revert: a journal has lines that it could not undo
-  bool still_shielded = false;          // a killed robot's shield could not be lowered in full
+  bool incomplete = false;      // a journal cannot be opened, or has lines that cannot be undone; a note says it
+  bool still_shielded = false;  // a killed robot's shield could not be lowered in full
 
+  void refuse(const Error& why);
   bool well() const;  // every step succeeded, and no shield is left
 };
 

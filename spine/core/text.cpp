@@ -97,6 +97,14 @@ std::string printable(std::string_view text, bool keep_lines) {
   return out;
 }
 
+std::string shell_word(std::string_view text) {
+  constexpr std::string_view kPlain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789/._-+:@%=,";
+  if (!text.empty() && text.find_first_not_of(kPlain) == std::string_view::npos) return std::string(text);
+  std::string word = "'";
+  for (const char each : text) word += each == '\'' ? std::string("'\\''") : std::string(1, each);
+  return word + "'";
+}
+
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::array<std::vector<std::size_t>, 3> rows;  // a swap looks two rows back
   rows.fill(std::vector<std::size_t>(b.size() + 1));

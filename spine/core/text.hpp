@@ -22,6 +22,9 @@ bool is_printable(std::string_view text);
 // "\u202e" for characters. Line ends and tabs stay when `keep_lines`.
 std::string printable(std::string_view text, bool keep_lines = false);
 
+// The text as one word of a shell's command, in single quotes where it needs them.
+std::string shell_word(std::string_view text);
+
 // From one word to the other: insertions, deletions, replacements and swaps of neighbours each cost one.
 std::size_t edit_distance(std::string_view a, std::string_view b);
 

@@ -3,7 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cstdio>
 #include <random>
+#include <string>
 
 namespace lithe {
 namespace {
@@ -96,6 +99,19 @@ TEST(Text, WordsAreAsFarApartAsTheirSlipsOfThePen) {
   EXPECT_EQ(edit_distance("veloctiy", "velocity"), 1U) << "two are swapped";
   EXPECT_EQ(edit_distance("velocitx", "velocity"), 1U);
   EXPECT_EQ(edit_distance("speed", "velocity"), 8U);
+}
+
+TEST(ShellWord, IsOneWordForAShellWhateverItHolds) {
+  EXPECT_EQ(shell_word("/mnt/image-1"), "/mnt/image-1");
+  for (const std::string text : {"", "my robot.toml", "it's", "$(id) `id` \\ \"*\"", "a;b\nc"}) {
+    const std::string command = "printf %s " + shell_word(text);
+    FILE* shell = popen(command.c_str(), "r");
+    ASSERT_NE(shell, nullptr);
+    std::array<char, 64> out{};
+    const std::size_t got = std::fread(out.data(), 1, out.size(), shell);
+    EXPECT_EQ(pclose(shell), 0) << command;
+    EXPECT_EQ(std::string(out.data(), got), text) << command;
+  }
 }
 
 }  // namespace

@@ -46,7 +46,8 @@ def test_the_kernels_trace_tells_what_made_a_release_late(
     attribution.attribute(made, ran)
     attribution.attribute(overran, ran)
     assert figures.CAUSES[figures.cause(made)[1]] == wanted
-    assert figures.CAUSES[figures.cause(overran)[1]] == ("ours" if wanted == "unknown" else wanted)
+    explained = wanted in ("kernel_thread", "other_task")  # at least half of it
+    assert figures.CAUSES[figures.cause(overran)[1]] == (wanted if explained else "ours")
     assert made["told"][0] == 0, "what was not late has no cause"
     made["switches"], made["stolen_ns"] = 0, 150_000
     assert figures.CAUSES[figures.cause(made)[1]] == "hypervisor", "time that the guest did not have comes first"
@@ -83,6 +84,16 @@ def test_what_an_interrupt_may_have_taken_is_not_the_hypervisors(
     trace.attribute(made, os.getpid())
     assert figures.CAUSES[figures.cause(made)[0]] == wanted
     assert len(figures.calm([made])[0]) == (wanted != "hypervisor") and trace.untraced == 0
+
+
+def test_an_interrupt_explains_a_part_of_what_was_stolen(figures: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """When the hypervisor gives the core back, the timer's interrupt is there at once."""
+    trace, made = module("attribution", monkeypatch).Trace(1, apart=True), records(figures, [1500.0], stolen_us=1500)
+    line = f"  stress-{SHELL}  [001] d..2.    10.002499: local_timer_entry: vector=236"
+    monkeypatch.setattr(trace, "read", lambda: line)
+    made["release_ns"] = 10_001_000_000
+    trace.attribute(made, os.getpid())
+    assert figures.CAUSES[figures.cause(made)[0]] == "hypervisor"
 
 
 def test_what_a_kernel_leaves_out_of_a_threads_time_is_read_from_its_configuration(

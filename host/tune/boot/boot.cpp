@@ -150,7 +150,7 @@ bool is_booted_with(const HostFiles& files, const std::vector<Flag>& flags) {
 std::vector<std::string> commands_of(const HostFiles& files, const BootFile& boot) {
   std::vector<std::string> commands = boot.commands;
   if (files.image())
-    for (std::string& each : commands) each = fmt::format("chroot {} {}", files.root(), each);
+    for (std::string& each : commands) each = fmt::format("chroot {} {}", shell_word(files.root()), each);
   return commands;
 }
 

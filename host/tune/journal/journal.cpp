@@ -104,8 +104,6 @@ std::string boot_id(const std::string& root) { return HostFiles(root).read("/pro
 
 Result<Journal> Journal::open(const std::string& path, const std::string& boot, bool make, StepHook hook) {
   Journal journal(path, boot, std::move(hook));
-  std::error_code hidden;
-  if (!boot.empty()) journal.tasks_ = std::filesystem::read_symlink("/proc/self/ns/pid", hidden).string();
   if (const Result<> locked = journal.lock(make); !locked) return locked.error();
   if (!journal.file_) return journal;
   if (const Result<> loaded = journal.load(); !loaded) return loaded.error();
@@ -159,11 +157,8 @@ void Journal::take(const std::string& line) {
     last_ = std::max(last_, number);
     if (json.contains("change")) {
       Entry entry{.number = number, .change = change_of(json["change"]), .at_ticks = json.at("at_ticks")};
-      const bool elsewhere = json.value("tasks", tasks_) != tasks_;  // its tasks and groups have other names here
-      if (json.at("boot") == boot_ && elsewhere)
-        ++unreadable_;
-      else if (json.at("boot") == boot_)
-        merge(std::move(entry));
+      undone_.erase(entry.change.item);
+      if (json.at("boot") == boot_) merge(std::move(entry));
       return;
     }
     const auto entry = std::ranges::find_if(entries_, [&](const Entry& each) { return each.number == number; });
@@ -193,13 +188,11 @@ void Journal::merge(Entry entry) {
 
 Result<std::uint64_t> Journal::begin(const Change& change) {
   Entry entry{.number = last_ + 1, .change = change, .at_ticks = ticks_since_boot()};
-  const Json line = {{"number", entry.number},
-                     {"boot", boot_},
-                     {"tasks", tasks_},
-                     {"at_ticks", entry.at_ticks},
-                     {"change", json_of(change)}};
+  const Json line = {
+      {"number", entry.number}, {"boot", boot_}, {"at_ticks", entry.at_ticks}, {"change", json_of(change)}};
   if (const Result<> written = append(line.dump(), true); !written) return written.error();
   last_ = entry.number;
+  undone_.erase(change.item);
   merge(std::move(entry));
   return last_;
 }

@@ -27,15 +27,14 @@ struct Entry {
 inline constexpr const char* kUndone = "undone";
 
 // A file of JSON lines. Three kinds, in the order in which they are written:
-//   {"number": 1, "boot": ID, "tasks": NAMESPACE, "at_ticks": T, "change": {...}}   on disk before the change begins
+//   {"number": 1, "boot": ID, "at_ticks": T, "change": {...}}   before the change; on disk before it begins
 //   {"number": 1, "done": true, "after": VALUE}                 after it; or "done": false and "error"
 //   {"number": 1, "dropped": WHY}                               it is undone, or no longer ours
 // A last line without its end is ignored: its change had not begun.
 // Contract: one process at a time, by flock(2), for as long as the object lives · one thread
 class Journal {
  public:
-  // `boot`: the entries are of this boot only, those of another are void; "": they are of files that survive it. What
-  // was done in another namespace of processes (a container that shares the file) counts as lines that cannot be read.
+  // `boot`: the entries are of this boot only, those of another are void; "": they are of files that survive it.
   // `make`: makes the file and its folder where there are none; else an absent journal is an empty one. Errors: no
   // permission, or another process holds it.
   static Result<Journal> open(const std::string& path, const std::string& boot, bool make, StepHook hook = {});
@@ -46,7 +45,7 @@ class Journal {
 
   // In the order of their first change.
   const std::vector<Entry>& entries() const { return entries_; }
-  // The items of all changes that were undone since the file was made, also by a process that was killed afterwards.
+  // The items of what was undone and not made again since the file was made, also by a process that was killed then.
   const std::set<std::string>& undone() const { return undone_; }
   std::size_t unreadable_lines() const { return unreadable_; }
   const std::string& path() const { return path_; }
@@ -64,7 +63,7 @@ class Journal {
   void merge(Entry entry);
   Result<> append(const std::string& line, bool to_disk);
 
-  std::string path_, boot_, tasks_;
+  std::string path_, boot_;
   Writer steps_;
   Fd file_;
   std::vector<Entry> entries_;

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstddef>
 #include <filesystem>
@@ -41,14 +42,17 @@ Now cores_of_task(const Change& change) {
   return same ? Now{.value = cpu_list(task->cpus)} : Now{.absent = true};
 }
 
-// Whether a group below has cores of its own. Without the controller they would be lost; the kernel refuses only while
-// a group hands it on to its children.
+// Whether a group below has cores or memory of its own choice. Without the controller they would be lost; the kernel
+// refuses only while a group hands it on to its children.
 bool is_used(const std::string& root, const Change& change) {
   const HostFiles files(root);
   const std::string folder = change.path.substr(0, change.path.rfind('/'));
-  return change.after == "cpuset" && std::ranges::any_of(files.list(folder), [&](const std::string& group) {
-           return !files.read(folder + "/" + group + "/cpuset.cpus").value.empty();
-         });
+  const auto chose = [&](const std::string& group) {
+    return std::ranges::any_of(
+        std::array{"/cpuset.cpus", "/cpuset.cpus.exclusive", "/cpuset.mems"},
+        [&](const char* file) { return !files.read(folder + "/" + group + file).value.empty(); });
+  };
+  return change.after == "cpuset" && std::ranges::any_of(files.list(folder), chose);
 }
 
 }  // namespace

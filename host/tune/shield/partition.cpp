@@ -83,11 +83,18 @@ Result<> pin_again(Journal& journal, const Writer& writer, const std::vector<Tas
   return done();
 }
 
-std::string why_not_made(const HostFiles& files, const std::vector<Step>& steps, const std::vector<int>& cores) {
-  const std::vector<int> theirs = parse_cpu_list(files.read(in_group("cpuset.cpus")).value);
-  if (!theirs.empty() && theirs != cores)
-    return fmt::format("there is one for cores {}, not {}: end it (sudo lithe tune revert) first", cpu_list(theirs),
-                       cpu_list(cores));
+// Why another partition is in the way; empty: none is. It may be a robot's that runs.
+std::string other_partition(const HostFiles& files, const std::vector<Change>& changes) {
+  const std::string theirs = files.read(in_group("cpuset.cpus")).value;
+  for (const Change& change : changes)
+    if (change.path.ends_with("/cpuset.cpus") && !theirs.empty() &&
+        parse_cpu_list(theirs) != parse_cpu_list(change.after))
+      return fmt::format("there is one for cores {}, not {}: end it (sudo lithe tune revert) first", theirs,
+                         change.after);
+  return "";
+}
+
+std::string why_not_made(const HostFiles& files, const std::vector<Step>& steps) {
   for (const Step& step : steps)
     if (!step.well()) return step.change.path + ": " + step.why();
   return in_group("cpuset.cpus.partition") + " says " + partition_state(files);
@@ -122,28 +129,27 @@ std::vector<Change> partition_plan(const HostFiles& files, const std::vector<int
 Result<MadePartition> make_partition(Journal& journal, const Writer& writer, const std::vector<Change>& changes,
                                      const std::vector<int>& only) {
   const HostFiles files(writer.root());
+  if (const std::string other = other_partition(files, changes); !other.empty()) return MadePartition{{}, other};
   const std::vector<int> online = online_cores(files);
   std::vector<Task> pinned;
   if (forgets_masks(files)) pinned = pinned_tasks(online, only);
   if (const Result<> noted = note_pinned(journal, pinned, online); !noted) return noted.error();
   MadePartition made;
   std::vector<int> cores;
-  bool whole = true;
   for (const Change& change : changes) {
     if (change.path.ends_with("/cpuset.cpus")) cores = parse_cpu_list(change.after);
     auto steps = apply(journal, writer, {change});
     if (!steps) return steps.error();
     made.steps.push_back(std::move(steps->front()));
     const bool last = &change == &changes.back();  // of use, but not needed
-    whole = whole && (made.steps.back().well() || last);
-    if (!whole) break;
+    if (!made.steps.back().well() && !last) break;
   }
-  if (whole && partition_state(files) == "isolated") {
+  if (partition_state(files) == "isolated") {
     const Result<> kept = pin_again(journal, writer, pinned, cores);
     if (!kept) return kept.error();
     return made;
   }
-  made.why_not = why_not_made(files, made.steps, cores);
+  made.why_not = why_not_made(files, made.steps);
   const auto undone = unmake_partition(journal, writer, only);
   if (!undone) return undone.error();
   std::erase_if(made.steps, [](const Step& each) { return each.well(); });

@@ -18,6 +18,7 @@ namespace lithe::cli {
 namespace {
 
 constexpr int kNotEverything = 1;
+constexpr const char* kRevert = "revert";
 constexpr std::size_t kMostWords = 60;  // of a value on one line
 
 // The lines that differ, those before with "-" and those after with "+".
@@ -125,21 +126,24 @@ std::string shown(const host::TuneResult& result, const char* verb) {
 }
 
 // The command again, as it was typed: without its words it would mean another machine, or other cores.
-std::string again(const TuneWords& words, const char* verb) {
-  std::string text = std::string("lithe tune ") + verb;
-  if (!words.robot.empty()) text += " " + words.robot;
-  if (!words.root.empty()) text += " --root " + words.root;
+std::string again(const TuneWords& words, const std::string& verb) {
+  std::string text = "lithe tune " + verb;
+  if (!words.robot.empty()) text += " " + shell_word(words.robot);
+  if (!words.root.empty()) text += " --root " + shell_word(words.root);
   if (!words.cores.empty()) text += " --cores " + words.cores;
-  for (const auto& [is_set, option] :
-       {std::pair(words.partition, " --partition"), {words.no_files, " --no-files"}, {words.force, " --force"}})
+  for (const auto& [is_set, option] : {std::pair(words.partition, " --partition"),
+                                       {words.no_files, " --no-files"},
+                                       {words.force && verb == kRevert, " --force"}})
     if (is_set) text += option;
   return text;
 }
 
 // A journal that cannot be opened: mostly it takes root.
-control::Refusal refusal_of(const Error& error, const TuneWords& words, const char* verb) {
-  const bool root = ::geteuid() == 0;
-  return {"no_tune", error.message, root ? "see what is meant: " + again(words, "plan") : "sudo " + again(words, verb)};
+control::Refusal refusal_of(const Error& error, const TuneWords& words, const std::string& verb) {
+  if (::geteuid() != 0) return {"no_tune", error.message, "sudo " + again(words, verb)};
+  const bool files = words.root.empty() && !words.no_files && verb != kRevert;
+  return {"no_tune", error.message,
+          "see what is meant: " + again(words, "plan") + (files ? "; on a read-only disk: --no-files" : "")};
 }
 
 }  // namespace
@@ -171,14 +175,15 @@ int tune_apply(const Context& context, const TuneWords& words) {
     for (const host::NotDone& each : plan.not_done) fmt::print("  {}: not possible here: {}\n", each.path, each.why);
     for (const std::string& each : plan.notes) fmt::print("note: {}\n", each);
     fmt::print("{}{}", shown(*result, "changed"), shown_commands(plan.commands));
-    if (!result->steps.empty()) fmt::print("undo: lithe tune revert{}\n", target.image ? " --root " + target.root : "");
+    if (!result->steps.empty())
+      fmt::print("undo: lithe tune revert{}\n", target.image ? " --root " + shell_word(target.root) : "");
   });
   return result->well() && plan.not_done.empty() ? 0 : kNotEverything;
 }
 
 int tune_revert(const Context& context, const TuneWords& words) {
   const auto result = host::tune_revert(place_of(words), words.force);
-  if (!result) throw refusal_of(result.error(), words, "revert");
+  if (!result) throw refusal_of(result.error(), words, kRevert);
   finish(context, json_of(*result), [&](const Json&) {
     fmt::print("{}", result->steps.empty() && result->notes.empty() ? "nothing was changed by lithe tune\n"
                                                                     : shown(*result, "undone"));
@@ -188,7 +193,7 @@ int tune_revert(const Context& context, const TuneWords& words) {
   const bool done = std::ranges::all_of(result->steps, [&](const host::Step& each) {
     return each.well() || (words.force && each.outcome == host::Outcome::foreign);
   });
-  return done && !result->still_shielded && !result->unreadable ? 0 : kNotEverything;
+  return done && !result->still_shielded && !result->incomplete ? 0 : kNotEverything;
 }
 
 }  // namespace lithe::cli
