@@ -86,11 +86,20 @@ struct Book {
 
 constexpr Book kRun{false}, kLasting{true};
 
+void tell_unreadable(const std::string& journal, std::size_t lines, bool forget, TuneResult& result) {
+  if (lines == 0) return;
+  result.notes.push_back(fmt::format("{}: {} lines cannot be read: what they say is not undone{}", journal, lines,
+                                     forget ? "" : " (revert --force gives them up)"));
+  result.incomplete = result.incomplete || !forget;
+}
+
 // A shield that is up changes the same settings; one that was left over is undone first.
-Result<> lower_old_shield(const Target& target, TuneResult& result) {
+Result<> lower_old_shield(const Target& target, bool forget, TuneResult& result) {
   if (target.image) return done();
-  const auto lowered = Shield::lower_left_over({.root = target.root, .journal = target.root + kShieldJournal});
+  const std::string journal = target.root + kShieldJournal;
+  const auto lowered = Shield::lower_left_over({.root = target.root, .journal = journal}, forget);
   if (!lowered) return lowered.error();
+  tell_unreadable(journal, lowered->unreadable, forget, result);
   if (lowered->count > 0) {
     result.notes.push_back(
         fmt::format("the shield that a killed robot left was lowered: {} changes undone", lowered->count));
@@ -130,11 +139,7 @@ Result<> revert_in(const Book& book, const Target& target, bool forget, const St
                    std::set<std::string>& undone) {
   auto journal = Journal::open(book.path(target), book.boot(target), false, hook);
   if (!journal) return journal.error();
-  if (journal->unreadable_lines() > 0) {
-    result.notes.push_back(fmt::format("{}: {} lines cannot be read: what they say is not undone{}", journal->path(),
-                                       journal->unreadable_lines(), forget ? "" : " (--force gives them up)"));
-    result.incomplete = result.incomplete || !forget;
-  }
+  tell_unreadable(journal->path(), journal->unreadable_lines(), forget, result);
   auto partition = unmake_partition(*journal, Writer(target.root, hook));
   if (!partition) return partition.error();
   std::ranges::copy_if(*partition, std::back_inserter(result.steps),
@@ -179,7 +184,7 @@ TunePlan tune_plan(const Target& target) {
 
 Result<TuneResult> tune_apply(const Target& target, const std::vector<Change>& changes, const StepHook& hook) {
   TuneResult result;
-  if (const Result<> part = lower_old_shield(target, result); !part) return part.error();
+  if (const Result<> part = lower_old_shield(target, false, result); !part) return part.error();
   // The lasting ones first: on a read-only disk their journal is refused, and nothing has been changed then.
   for (const Book& book : {kLasting, kRun}) {
     const Result<> part = apply_to(book, target, changes, hook, result);
@@ -194,7 +199,7 @@ Result<TuneResult> tune_apply(const Target& target, const std::vector<Change>& c
 
 Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook& hook) {
   TuneResult result;
-  if (const Result<> part = lower_old_shield(target, result); !part) return part.error();
+  if (const Result<> part = lower_old_shield(target, forget, result); !part) return part.error();
   // The lasting ones last: their journal says until the end what was undone. One that is killed tells no commands.
   std::set<std::string> undone;
   for (const Book& book : {kRun, kLasting}) {

@@ -17,6 +17,7 @@
 
 #include "host/test/machine_rig.hpp"
 #include "host/tune/boot/boot.hpp"
+#include "host/tune/shield/shield.hpp"
 
 namespace lithe::host {
 namespace {
@@ -215,13 +216,19 @@ TEST_F(TuneTest, AReadOnlyDiskIsFoundBeforeAnythingIsChanged) {
 }
 
 TEST_F(TuneTest, AJournalWithLinesThatCannotBeReadIsNotDone) {
-  apply();
-  std::ofstream(root_.path() + kRunJournal, std::ios::app) << "?\n";
-  const auto undone = tune_revert(target_, false);
-  ASSERT_TRUE(undone);
-  EXPECT_FALSE(undone->well());
-  EXPECT_NE(undone->notes.at(0).find("1 lines cannot be read"), std::string::npos) << undone->notes.at(0);
-  EXPECT_TRUE(tune_revert(target_, true)->well()) << "given up";
+  for (const char* journal : {kRunJournal, kLastingJournal, kShieldJournal}) {
+    apply();
+    std::ofstream(root_.path() + journal, std::ios::app) << "?\n";
+    ::chmod((root_.path() + journal).c_str(), 0600);
+    const auto undone = tune_revert(target_, false);
+    ASSERT_TRUE(undone) << undone.message();
+    EXPECT_FALSE(undone->well());
+    EXPECT_TRUE(std::ranges::any_of(undone->notes, [&](const std::string& note) {
+      return note.find(journal + std::string(": 1 lines cannot be read")) != std::string::npos;
+    })) << journal;
+    EXPECT_TRUE(tune_revert(target_, true)->well()) << "given up";
+    EXPECT_FALSE(std::filesystem::exists(root_.path() + journal));
+  }
 }
 
 TEST_F(TuneTest, AStalePlanDoesNotOverwrite) {

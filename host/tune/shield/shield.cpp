@@ -155,11 +155,12 @@ Result<Shield> Shield::raise(const ShieldOptions& options) {
   return shield;
 }
 
-Result<Lowered> Shield::lower_left_over(const ShieldOptions& left) {
+Result<Lowered> Shield::lower_left_over(const ShieldOptions& left, bool forget) {
   auto journal = Journal::open(left.journal, boot_id(), false, left.hook);
   if (!journal) return journal.error();
   auto undone = undo_all(*journal, Writer(left.root, left.hook), left.only);
-  if (undone) journal->remove();
+  if (undone) undone->unreadable = journal->unreadable_lines();
+  if (undone) journal->remove(forget);
   return undone;
 }
 

@@ -42,6 +42,7 @@ struct ShieldFacts {
 struct Lowered {
   std::size_t count = 0;              // tasks and settings that were given back
   std::vector<std::string> failed{};  // what could not be, and why
+  std::size_t unreadable = 0;         // lines of the journal: what they say was not given back
   std::vector<std::string>
       born{};  // tasks started while the shield was up; they may use its cores again: "cc1plus 4711"
 };
@@ -59,7 +60,8 @@ class Shield {
   static Result<Shield> raise(const ShieldOptions& options);
 
   // Undoes what a killed holder left, whatever its cores were. An error when a living process holds it.
-  static Result<Lowered> lower_left_over(const ShieldOptions& left = {});
+  // `forget`: lines of its journal that cannot be read are given up.
+  static Result<Lowered> lower_left_over(const ShieldOptions& left = {}, bool forget = false);
 
   Shield(Shield&& other) noexcept
       : journal_(std::move(other.journal_)),
