@@ -220,8 +220,8 @@ def test_a_short_run_from_end_to_end(tmp_path: Path) -> None:
     """No figure is judged here: the machine that runs tests is busy with others."""
     need("lithe", "lithe-spine-sim", "lawd", "lithe-sim", "lithe-trial")
     binaries = Path(os.environ.get("LITHE_BIN_DIR", ROOT / "build/release/bin"))
-    if missing := [name for name in ("bench_isolation", "bench_plain_loop") if not (binaries / name).exists()]:
-        pytest.skip(f"not built: {', '.join(missing)}: make bench-isolation")
+    if not all((binaries / name).exists() for name in ("bench_isolation", "bench_plain_loop")):
+        pytest.skip("bench_isolation is not built: make bench-isolation")
     words = [sys.executable, "-m", "bench.isolation", "--short", "--out", str(tmp_path)]
     env = os.environ | {"PYTHONPATH": f"{ROOT}/brain"}
     done = subprocess.run(words, check=False, cwd=ROOT, env=env, capture_output=True, text=True, timeout=400)

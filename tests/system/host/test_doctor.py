@@ -112,7 +112,7 @@ def test_a_measurement_fills_in_what_no_file_tells() -> None:
 def test_a_measurement_in_a_container_does_not_stand_for_what_is_not_seen() -> None:
     tried = subprocess.run([*CONTAINER, "true"], check=False, capture_output=True, text=True)
     if tried.returncode != 0:
-        pytest.skip(f"no namespace for processes here: {tried.stderr.strip()}")
+        pytest.skip(f"no user namespace here: {tried.stderr.strip()}")
     command = [*CONTAINER, BIN / "lithe", "--json", "doctor", "--measure", "0.5"]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1 and "cannot be seen" in done.stderr, done.stdout + done.stderr
