@@ -15,6 +15,7 @@
 #include <fstream>
 #include <functional>
 
+#include "host/test/killed_rig.hpp"
 #include "host/test/machine_rig.hpp"
 #include "host/tune/boot/boot.hpp"
 #include "host/tune/shield/shield.hpp"
@@ -30,22 +31,6 @@ void write_grub(const FakeRoot& root) {
 }
 
 Target target_at(const FakeRoot& root) { return {.root = root.path(), .all_cores = {0, 1, 2, 3}, .cores = {1}}; }
-
-// Runs in a child that dies before its n-th system call. False: it ended before that.
-bool killed_at(int n, const std::function<void(const StepHook&)>& work) {
-  const pid_t child = ::fork();
-  if (child == 0) {
-    int steps = 0;
-    work([&] {
-      if (++steps == n) ::kill(::getpid(), SIGKILL);
-    });
-    ::_exit(0);
-  }
-  int status = 0;
-  ::waitpid(child, &status, 0);
-  EXPECT_TRUE(WIFSIGNALED(status) || WEXITSTATUS(status) == 0);
-  return WIFSIGNALED(status);
-}
 
 std::vector<Step> must(Result<TuneResult> result) {
   EXPECT_TRUE(result) << result.message();

@@ -17,6 +17,7 @@
 
 #include "host/read/tasks.hpp"
 #include "host/test/groups_rig.hpp"
+#include "host/test/killed_rig.hpp"
 #include "host/test/machine_rig.hpp"
 #include "host/tune/shield/shield.hpp"
 #include "host/tune/tune.hpp"
@@ -235,21 +236,13 @@ TEST_F(PartitionTest, AShieldKilledBeforeAnySystemCallLeavesNoGroup) {
   const Content before = content_of(root_);
   int kills = 0;
   for (bool killed = true; killed; kills += killed ? 1 : 0) {
-    const pid_t holder = ::fork();
-    if (holder == 0) {
-      int steps = 0;
+    killed = killed_at(kills + 1, [&](const StepHook& step) {
       options_.hook = [&] {
         groups_->settle();
-        if (++steps == kills + 1) ::kill(::getpid(), SIGKILL);
+        step();
       };
-      {
-        const auto shield = Shield::raise(options_);
-      }
-      ::_exit(0);
-    }
-    int status = 0;
-    ::waitpid(holder, &status, 0);
-    killed = WIFSIGNALED(status);
+      const auto shield = Shield::raise(options_);
+    });
     ShieldOptions again = options_;
     again.hook = [&] { groups_->settle(true); };
     const auto lowered = Shield::lower_left_over(again);
@@ -362,21 +355,13 @@ TEST_F(VersionOneTest, AKernelThatMakesNoGroupLeavesAffinity) {
 TEST_F(VersionOneTest, AShieldKilledBeforeAnySystemCallIsUndone) {
   int kills = 0;
   for (bool killed = true; killed; kills += killed ? 1 : 0) {
-    const pid_t holder = ::fork();
-    if (holder == 0) {
-      int steps = 0;
+    killed = killed_at(kills + 1, [&](const StepHook& step) {
       options_.hook = [&] {
         settle();
-        if (++steps == kills + 1) ::kill(::getpid(), SIGKILL);
+        step();
       };
-      {
-        const auto shield = Shield::raise(options_);
-      }
-      ::_exit(0);
-    }
-    int status = 0;
-    ::waitpid(holder, &status, 0);
-    killed = WIFSIGNALED(status);
+      const auto shield = Shield::raise(options_);
+    });
     ShieldOptions again = options_;
     again.hook = [&] { settle(true); };
     const auto lowered = Shield::lower_left_over(again);

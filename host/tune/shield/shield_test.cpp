@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "host/read/tasks.hpp"
+#include "host/test/killed_rig.hpp"
 #include "host/test/root_rig.hpp"
 #include "spine/core/host/cores.hpp"
 #include "spine/core/host/realtime.hpp"
@@ -151,20 +152,10 @@ TEST_F(ShieldTest, ASecondOneIsRefusedWhileTheFirstIsUp) {
 TEST_F(ShieldTest, WhateverAKilledHolderLeftIsGivenBack) {
   int kills = 0;
   for (bool killed = true; killed; kills += killed ? 1 : 0) {
-    const pid_t holder = ::fork();
-    if (holder == 0) {
-      int steps = 0;
-      options_.hook = [&] {
-        if (++steps == kills + 1) ::kill(::getpid(), SIGKILL);
-      };
-      {
-        const auto shield = Shield::raise(options_);
-      }
-      ::_exit(0);
-    }
-    int status = 0;
-    ::waitpid(holder, &status, 0);
-    killed = WIFSIGNALED(status);
+    killed = killed_at(kills + 1, [&](const StepHook& step) {
+      options_.hook = step;
+      const auto shield = Shield::raise(options_);
+    });
     const auto lowered = Shield::lower_left_over(options_);
     ASSERT_TRUE(lowered && lowered->failed.empty()) << "killed before system call " << kills + 1;
     ASSERT_EQ(parent_->masks(), Masks{all_}) << "killed before system call " << kills + 1;
