@@ -217,7 +217,7 @@ Result<TuneResult> tune_revert(const Target& target, bool forget, const StepHook
     tell({fmt::format("rm -f {}{}/multi-user.target.wants/{}", target.image ? shell_word(target.root) : "", kUnitFolder,
                       kUnit)});
   if (undone.contains(kBootItem)) tell(boot_commands(files_of(target)));
-  if (undone.contains(kBootItem) && !target.image)
+  if (undone.contains(kBootItem) && !files_of(target).read("/sys/devices/system/cpu/isolated").value.empty())
     result.notes.push_back("the kernel keeps its isolated cores until the next boot");
   if (undone.contains(kSysctlItem) && !target.image)
     result.notes.push_back("what sysctl.d had set at the last boot stays until the next one");

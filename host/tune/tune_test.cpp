@@ -190,7 +190,11 @@ TEST_F(TuneTest, ARevertTellsItsCommandAlsoWhenTheBootFileIsRefusedNow) {
   const auto undone = tune_revert(target_, false);
   ASSERT_TRUE(undone && undone->well()) << undone.message();
   EXPECT_EQ(undone->commands, std::vector<std::string>{"update-grub"});
-  EXPECT_EQ(undone->notes.size(), 2u) << "what stays until the next boot: isolated cores, and the values of sysctl.d";
+  EXPECT_EQ(undone->notes.size(), 1u) << "the values of sysctl.d stay; no core is isolated yet";
+  write_grub(root_);
+  ASSERT_TRUE(tune_apply(target_, tune_plan(target_).changes));
+  root_.write("/sys/devices/system/cpu/isolated", "1\n");  // booted with it
+  EXPECT_EQ(tune_revert(target_, false)->notes.size(), 2u) << "and the isolated core stays";
 }
 
 TEST_F(TuneTest, AReadOnlyDiskIsFoundBeforeAnythingIsChanged) {
