@@ -33,16 +33,26 @@ def test_a_step_that_ended_well_and_told_nothing_that_can_be_judged_is_wrong(sai
     assert wrong == ["robot: it ended, and its document cannot be read"]
 
 
-def test_nothing_is_said_of_steps_that_were_not_taken() -> None:
-    steps, wrong = seen(robot='{"mode": "active"}')
-    doctor, robot, swaps = board_systems.rt_lines(steps, "")
-    assert (doctor, swaps, wrong) == ("doctor: not taken", "swaps: not taken", []) and "active" in robot
+def test_a_step_without_a_result_has_no_figures() -> None:
+    steps, wrong = seen(robot='{"mode": "active", "cpus": {"spine": 3}}')
+    doctor, robot, *others = board_systems.rt_lines(steps, "")
+    assert (doctor, robot, wrong) == ("doctor: no result", "lithe run: active, Spine on core 3", [])
+    assert others == ["plans from Python: no result", "swaps: no result"]
+    arm = board_systems.arm_lines(seen(demo='{"verdict": "holds", "swaps": [1, 2]}')[0])
+    assert arm.pop() == "demo at 250 Hz: holds, 2 swaps"
+    assert len(arm) == 7 and all(line.endswith(": no result") for line in arm)
+
+
+def test_a_step_with_a_result_tells_it() -> None:
     words = '{"kernel": {"words": "6.1"}, "label": "D-v"}', '{"swaps": {}, "certificates": 1}'
-    doctor, _, swaps = board_systems.rt_lines(seen(doctor=words[0], swaps=words[1])[0], "A-v")
+    doctor, _, _, swaps = board_systems.rt_lines(seen(doctor=words[0], swaps=words[1])[0], "A-v")
     assert doctor.endswith(
         "tier D-v, booted with the line of `lithe tune` A-v; all 37 items as a shell script reads them"
     )
     assert swaps.endswith("1 certificates, chain holds")
+    laws = '{"laws": {"full_torque": {"kinds": ["overran"], "wanted": "clamp", "as_said": true}}}'
+    contained = board_systems.arm_lines(seen(contained=laws)[0])[6]
+    assert contained.endswith("1 ran (faults contained: overran; limited by the guard: full_torque)")
 
 
 def test_each_step_has_all_cores_also_after_a_brain(

@@ -201,7 +201,6 @@ def system(changes: dict[str, Any], code: int = 0) -> list[str]:
     seen = board_systems.Seen(verdict, said, tuple(told))
     board_systems.judge_common(seen)
     board_systems.judge_arm(seen)
-    assert len(board_systems.arm_lines(seen)) == 3
     return verdict.wrong
 
 

@@ -136,11 +136,14 @@ def judge_common(seen: Seen) -> None:
     seen.expect("stop", seen.get("stop").get("code") == 0, f"`lithe run` ended with {seen.get('stop').get('code')}")
 
 
+def with_result(*lines: tuple[Any, str]) -> list[str]:
+    """Each line whose step has a result; of the others only that there is none."""
+    return [line if told else f"{line.split(':')[0]}: no result" for told, line in lines]
+
+
 def swap_line(seen: Seen) -> str:
     """What became of the laws, for people."""
     swaps, made = seen.get("swaps"), seen.get("swaps").get("swaps", {})
-    if not swaps:
-        return "swaps: not taken"
     committed = [law for law, each in made.items() if each["verdict"] == "committed"]
     took = sorted(each["seconds"] for each in made.values()) or [0.0]
     return (
@@ -195,17 +198,17 @@ def run_isolated(verdict: Verdict, cargo: Cargo, kernel: machine.Kernel, cache: 
 
 def rt_lines(seen: Seen, isolated: str) -> list[str]:
     """For people. `isolated`: the tier with the line of `lithe tune`."""
-    cpus, diagnosis = seen.get("robot").get("cpus", {}), seen.get("doctor")
+    robot, diagnosis, brain = seen.get("robot"), seen.get("doctor"), seen.get("brain")
     doctor = (
         f"kernel {told_kernel(diagnosis)}, tier {diagnosis.get('label')}, booted with the line of `lithe tune` "
         f"{isolated}; all {board_x.ITEMS} items as a shell script reads them"
     )
-    return [
-        f"doctor: {doctor if diagnosis else 'not taken'}",
-        f"lithe run: {seen.get('robot').get('mode')}, Spine on core {cpus.get('spine')}; plans from Python: "
-        f"{seen.get('brain').get('seen_rad')} rad of {seen.get('brain').get('wanted_rad')}",
-        swap_line(seen),
-    ]
+    return with_result(
+        (diagnosis, f"doctor: {doctor}"),
+        (robot, f"lithe run: {robot.get('mode')}, Spine on core {robot.get('cpus', {}).get('spine')}"),
+        (brain, f"plans from Python: {brain.get('seen_rad')} rad of {brain.get('wanted_rad')}"),
+        (seen.get("swaps"), swap_line(seen)),
+    )
 
 
 def run_r(verdict: Verdict, cache: Path, only: str) -> None:
@@ -279,22 +282,26 @@ def judge_arm(seen: Seen) -> None:
 
 def arm_lines(seen: Seen) -> list[str]:
     """For people."""
-    counts, rooms = seen.get("tests").get("tests", {}), seen.get("stress").get("rooms", {})
-    sums = {kind: sum(each[kind] for each in counts.values()) for kind in ("passed", "failed", "skipped")}
-    laws = seen.get("contained").get("laws", {})
-    demo, diagnosis = seen.get("demo"), seen.get("doctor")
+    tests, rooms, diagnosis = seen.get("tests"), seen.get("stress").get("rooms", {}), seen.get("doctor")
+    sums = {
+        kind: sum(each[kind] for each in tests.get("tests", {}).values()) for kind in ("passed", "failed", "skipped")
+    }
+    refused, laws = seen.get("refused").get("laws", {}), seen.get("contained").get("laws", {})
     kinds = sorted({kind for fate in laws.values() for kind in fate["kinds"]})
     clamped = [law for law, fate in laws.items() if fate["wanted"] == "clamp" and fate["as_said"]]
-    return [
-        f"C++ tests: {sums['passed']} passed, {sums['failed']} failed, {sums['skipped']} skipped "
-        f"({'; '.join(seen.get('tests').get('skipped_because', []))}); those that race {on_board.REPEATS} times: "
-        f"{', '.join(rooms)}; doctor: kernel {told_kernel(diagnosis)}, tier {diagnosis.get('label')}",
-        swap_line(seen),
-        f"hostile laws: {len(seen.get('refused').get('laws', {}))} refused by the gates, {len(laws)} ran with open "
-        f"gates (faults contained: {', '.join(kinds)}; limited by the guard: {', '.join(clamped)}); Brain in Python: "
-        f"{seen.get('brain').get('seen_rad')} rad; demo at 250 Hz: {demo.get('verdict')}, "
-        f"{len(demo.get('swaps') or [])} swaps",
-    ]
+    demo, brain = seen.get("demo"), seen.get("brain")
+    counts = f"{sums['passed']} passed, {sums['failed']} failed, {sums['skipped']} skipped"
+    ends = f"faults contained: {', '.join(kinds)}; limited by the guard: {', '.join(clamped)}"
+    return with_result(
+        (tests, f"C++ tests: {counts} ({'; '.join(tests.get('skipped_because', []))})"),
+        (rooms, f"tests that race, {on_board.REPEATS} times: {', '.join(rooms)}"),
+        (diagnosis, f"doctor: kernel {told_kernel(diagnosis)}, tier {diagnosis.get('label')}"),
+        (seen.get("swaps"), swap_line(seen)),
+        (brain, f"plans from Python: {brain.get('seen_rad')} rad"),
+        (refused, f"hostile laws with closed gates: {len(refused)} refused"),
+        (laws, f"hostile laws with open gates: {len(laws)} ran ({ends})"),
+        (demo, f"demo at 250 Hz: {demo.get('verdict')}, {len(demo.get('swaps') or [])} swaps"),
+    )
 
 
 def run_a(verdict: Verdict, cache: Path, only: str) -> None:
