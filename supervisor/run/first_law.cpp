@@ -19,6 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kArmTimeoutNs = 5 * kNsPerS;
+constexpr int kTries = 5;  // of which each trial is several; a machine that boots is busy
 
 std::int64_t arm_timeout_ns(const robot::RobotConfig& robot) {
   std::int64_t longest_ns = kArmTimeoutNs;
@@ -43,6 +44,15 @@ void Supervisor::must_run(const std::optional<Answer>& answer, const char* silen
     throw Halt{1, fmt::format("the law {} cannot run: {}", first_law_, words_of(*refusal))};
 }
 
+std::optional<Answer> Supervisor::patient_answer_to(const Ask& ask, std::int64_t timeout_ns) {
+  for (int tries = 1;; ++tries) {
+    auto answer = answer_to(ask, timeout_ns);
+    const auto* refusal = answer ? std::get_if<Refusal>(&*answer) : nullptr;
+    if (refusal == nullptr || !refusal->code.ends_with("_starved") || tries == kTries) return answer;
+    spdlog::warn("once more ({} of {}): {}", tries + 1, kTries, refusal->message);
+  }
+}
+
 void Supervisor::compile_first_law() {
   first_law_ = options_.law.empty() ? config_.law : options_.law;
   if (first_law_.empty()) return;
@@ -54,7 +64,8 @@ void Supervisor::compile_first_law() {
   first_source_ = std::move(*source);
   spdlog::info("compiling {}", first_law_);
   const LawText law{fs::path(first_law_).filename().string(), first_source_};
-  must_run(answer_to([&](const auto& take) { lawd_.compile(law, take, monotonic_ns()); }, lawd_.limit_ns() + kNsPerS),
+  must_run(patient_answer_to([&](const auto& take) { lawd_.compile(law, take, monotonic_ns()); },
+                             lawd_.limit_ns() + kNsPerS),
            "the compile service does not answer");
 }
 
@@ -62,8 +73,8 @@ void Supervisor::compile_first_law() {
 void Supervisor::try_safe_law() {
   if (!options_.gates) return;
   const auto answer =
-      answer_to([this](const auto& take) { trial_.ask_safe_law(take, lawd_.limit_ns(), monotonic_ns()); },
-                lawd_.limit_ns() + kNsPerS);
+      patient_answer_to([this](const auto& take) { trial_.ask_safe_law(take, lawd_.limit_ns(), monotonic_ns()); },
+                        lawd_.limit_ns() + kNsPerS);
   const Json* told = answer ? std::get_if<Json>(&*answer) : nullptr;
   if (told == nullptr) {
     throw Halt{1, fmt::format("the trial could not run the safe law: {}",
@@ -77,8 +88,9 @@ void Supervisor::swap_first_law() {
   if (first_source_.empty()) return;
   SwapRequest request{fs::path(first_law_).filename().string(), first_source_};
   request.terms = std::get<SwapTerms>(swaps_->read_terms(Json::object()));
-  must_run(answer_to([&](const auto& take) { swaps_->submit(request, take, monotonic_ns()); }, 4 * lawd_.limit_ns()),
-           "the first law was not committed");
+  must_run(
+      patient_answer_to([&](const auto& take) { swaps_->submit(request, take, monotonic_ns()); }, 4 * lawd_.limit_ns()),
+      "the first law was not committed");
 }
 
 void Supervisor::swap_adopted_law() {

@@ -133,7 +133,7 @@ bool Supervisor::turn_until(const std::function<bool()>& done, std::int64_t time
   return true;
 }
 
-std::optional<Answer> Supervisor::answer_to(const std::function<void(const Take&)>& ask, std::int64_t timeout_ns) {
+std::optional<Answer> Supervisor::answer_to(const Ask& ask, std::int64_t timeout_ns) {
   const auto answer = std::make_shared<std::optional<Answer>>();  // it may come when nobody waits for it any more
   ask([answer](const Answer& got) { *answer = got; });
   turn_until([&answer] { return answer->has_value(); }, timeout_ns);

@@ -101,7 +101,10 @@ class Supervisor {
   bool turn_until(const std::function<bool()>& done, std::int64_t timeout_ns);
   // Asks, and runs the event loop until the answer has come. Empty when the time is over; throws Halt as turn_until().
   using Take = std::function<void(const Answer&)>;
-  std::optional<Answer> answer_to(const std::function<void(const Take&)>& ask, std::int64_t timeout_ns);
+  using Ask = std::function<void(const Take&)>;
+  std::optional<Answer> answer_to(const Ask& ask, std::int64_t timeout_ns);
+  // The same, and asks again, a few times, when the machine was too busy to find an answer.
+  std::optional<Answer> patient_answer_to(const Ask& ask, std::int64_t timeout_ns);
   void read_signals();
   void read_spine();
   void read_events();
