@@ -49,8 +49,9 @@ boards: TARGETS := --target lithe lithe-spine lithe-spine-sim lawd lithe-trial l
 boards: release  ## LITHE on emulated boards: isolated cores, PREEMPT_RT, 64-bit ARM; BOARD=x, r or a for one of them -> out/boards.json
 	@$(PYTHON) tools/vm/boards.py $(if $(BOARD),--board $(BOARD))
 
-check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan, fuzzers
+check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan, TSan, RTSan, fuzzers, 64-bit ARM
 	@tools/setup build test check bench
+	@tools/setup arm64 || echo "make check: without these packages the step arm64 is skipped" >&2
 	@$(PYTHON) tools/check.py
 
 check-all:  ## check, and what takes too long for every merge: all tests under ASan and for ARM, emulated boards, a minute of each fuzzer, mutants, long tests

@@ -17,6 +17,7 @@ from bench.swap.stats import LIMITS_US
 from bench.tables import HEAD, Figures, cell, quantile_row, show_machine, table
 
 USAGE = "usage: python -m bench.isolation compare A.json B.json | summary RESULT.json | table DIR"
+SHIELDED = "; during the run a shield moved them away"  # the tasks that may run on the Spine's core
 OF_BOARDS = [f"r999_{each}_{{}}" for each in ("floor", "cyclictest", "plain_loop")]
 OF_BOARDS += ["lithe_{}_p999_us", "handoff_{}_p999_us"]  # the columns of boards()
 
@@ -157,13 +158,13 @@ def worst(told: Figures, key: str) -> str:
 def boards(folder: Path) -> str:
     """The table of docs/host.md: a row for each result in the folder, the worst of its workloads in each column."""
     lines = [
-        "| board | kernel | Spine's core | over the floor | over cyclictest | over a plain loop | "
+        "| board | kernel | Spine's core | over the bare spin | over cyclictest | over the plain loop | "
         "release jitter p99.9 [µs] | hand-off p99.9 [µs] | verdict |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for path in sorted(folder.glob("*.json")):
         told = load(path)
-        isolation = str(told.get("machine_spine_core_isolation", "unknown")) + (", shield" if told["shielded"] else "")
+        isolation = str(told.get("machine_spine_core_isolation", "unknown")) + SHIELDED * bool(told["shielded"])
         board = f"{path.stem}: {told['machine_cpu']}, {told['machine_cores']} cores"
         cells = [board, str(told["machine_kernel"]), isolation]
         cells += [worst(told, key) for key in OF_BOARDS]

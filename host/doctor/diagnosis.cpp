@@ -21,7 +21,7 @@ const char* meaning(Tier tier) {
     case Tier::a:
       return "is isolated since the boot: no other task, no device and no timer tick comes to it";
     case Tier::b:
-      return "is isolated at run time: no other task and no device comes to it, the timer tick may";
+      return "is isolated: no other task and no device comes to it, the timer tick may";
     case Tier::c:
       return "is kept free by the affinity of other tasks only: a new task may come to it";
     case Tier::d:

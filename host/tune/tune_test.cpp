@@ -67,6 +67,22 @@ TEST_F(TuneTest, ApplyMakesThePlanAndRevertGivesBackEveryByte) {
   EXPECT_EQ(content_of(root_), before);
 }
 
+TEST_F(TuneTest, ABoardThatDoesNotBootIsRevertedFromAnotherComputer) {
+  write_grub(root_);
+  const auto lasting = [&] {
+    Content files = content_of(root_);
+    std::erase_if(files, [](const auto& each) { return !each.first.starts_with("/etc/"); });
+    return files;
+  };
+  const Content before = lasting();
+  apply();
+  ASSERT_NE(text("/etc/default/grub.d/99-lithe.cfg") + text("/etc/default/grub"), before.at("/etc/default/grub"));
+  target_.image = true;
+  revert();
+  EXPECT_EQ(lasting(), before);
+  EXPECT_TRUE(revert().empty()) << "its journal is gone";
+}
+
 TEST_F(TuneTest, ASecondApplyChangesNothingAndKeepsTheFirstValue) {
   apply();
   const Content tuned = content_of(root_);

@@ -49,7 +49,7 @@ def test_long_steps_run_only_when_all_are_asked_for_or_by_name() -> None:
         "asan-all",
         "mutants",
         "fuzz-long",
-        "arm64",
+        "arm64-all",
         "boards",
         "ctest-long",
         "pytest-long",

@@ -93,3 +93,41 @@ def test_without_the_makers_sources_the_pi3hat_is_skipped_with_the_reason(
     monkeypatch.delenv("LITHE_PI3HAT_DIR", raising=False)
     assert cross.pi3hat(jobs=1) == cross.SKIPPED
     assert capsys.readouterr().out.startswith("arm64: pi3hat skipped: LITHE_PI3HAT_DIR names no folder")
+
+
+def test_without_a_way_to_the_libraries_it_is_skipped_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Words of apt are not looked for: whatever keeps the packages away, nothing was tested and nothing failed."""
+    monkeypatch.setattr(cross, "HOME", tmp_path)
+    monkeypatch.setattr(cross, "SYSROOT", tmp_path / "sysroot")
+    monkeypatch.setattr(cross, "missing", list)
+    monkeypatch.setattr(cross, "apt", lambda *_words, **_options: ["false"])
+    monkeypatch.setattr(sys, "argv", ["cross.py"])
+    assert cross.main() == cross.SKIPPED
+    assert "be reachable" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("rooms", "code"), [(["core", "guard"], 0), (["core", "no_room"], 1)])
+def test_the_tests_of_rooms_are_built_and_run(
+    rooms: list[str], code: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """With cmake and ctest that only note their words; of an unknown room the build fails."""
+    for name in ("cmake", "ctest"):
+        program = tmp_path / name
+        program.write_text(f'#!/bin/sh\necho "{name} $*" >> {tmp_path}/said\ncase "$*" in *no_room*) exit 1; esac\n')
+        program.chmod(0o755)
+    (tmp_path / "report").write_text(REPORT)
+    with (tmp_path / "ctest").open("a") as program:
+        program.write(f"cp {tmp_path}/report {tmp_path}/arm64.xml\n")
+    monkeypatch.setattr(cross, "REPORT", tmp_path / "arm64.xml")
+    monkeypatch.setattr(cross, "get_sysroot", lambda: None)
+    monkeypatch.setattr(cross, "missing", list)
+    monkeypatch.setattr(cross, "starter", list)
+    monkeypatch.setattr(cross, "target_environment", lambda: os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"})
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setattr(sys, "argv", ["cross.py", "--jobs", "3", "--room", *rooms])
+    assert cross.main() == code
+    said = (tmp_path / "said").read_text().splitlines()
+    assert said[1] == f"cmake --build --preset aarch64 -j 3 --target {rooms[0]}_tests {rooms[1]}_tests"
+    assert (len(said) == 3 and said[2].endswith("-L (^|[.])(core|guard)$")) == (code == 0)

@@ -107,7 +107,7 @@ host::Target place_of(const TuneWords& words) {
     if (target.root == "/") throw control::Refusal{"usage", "--root / is this machine", "leave out --root"};
   }
   target.all_cores = host::online_cores(host::HostFiles(target.root, target.image));
-  if (target.all_cores.empty()) target.all_cores = {0, 1, 2, 3};  // an image does not say how many its machine has
+  if (target.all_cores.empty()) target.all_cores = {0, 1, 2, 3};
   return target;
 }
 
@@ -120,6 +120,9 @@ host::Target target_of(const TuneWords& words) {
     target.spine = plan.spine;
   } else {
     target.cores = parse_cpu_list(words.cores);
+    // An image does not say how many cores its machine has: at least those.
+    while (target.image && !target.cores.empty() && target.all_cores.back() < target.cores.back())
+      target.all_cores.push_back(target.all_cores.back() + 1);
     if (robot) target.spine = robot->spine.cpu_spine;
   }
   target.robot = robot;

@@ -164,7 +164,7 @@ int tune_apply(const Context& context, const TuneWords& words) {
   const host::Target target = target_of(words);
   const host::TunePlan plan = host::tune_plan(target);
   if (::geteuid() != 0 && target.root.empty() && !plan.changes.empty()) {
-    throw control::Refusal{"no_right", fmt::format("these changes need root:\n{}", shown(plan)),
+    throw control::Refusal{"no_tune", fmt::format("these changes need root:\n{}", shown(plan)),
                            "sudo " + again(words, "apply")};
   }
   const auto result = host::tune_apply(target, plan.changes);

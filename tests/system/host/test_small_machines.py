@@ -53,6 +53,13 @@ def as_ordinary_user() -> tuple[str, ...]:
     pytest.skip(f"root here may not become an ordinary user who reads {', '.join(map(str, needed))}")
 
 
+def test_tuning_without_root_cannot_begin() -> None:
+    command = [*as_ordinary_user(), BIN / "lithe", "--json", "tune", "apply"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    error = json.loads(done.stdout)["error"]
+    assert (done.returncode, error["code"], error["next"]) == (2, "no_tune", "sudo lithe tune apply")
+
+
 def test_a_robot_of_an_ordinary_user_runs_and_swaps() -> None:
     """It ticks on its two cores, replaces its law, and says what this machine cannot give to such a user."""
     cores = sorted(os.sched_getaffinity(0))[:2]

@@ -89,6 +89,13 @@ def test_force_forgives_what_others_changed_and_not_what_was_refused(image: Path
     assert (elsewhere / "lithe.conf").exists()
 
 
+def test_the_cores_of_an_image_are_at_least_those_that_are_named(image: Path) -> None:
+    """Its machine may have more than four."""
+    plan = tune(0, "plan", "--root", image, "--cores", "4,5")
+    assert plan["cores"] == "4-5"
+    assert any("isolcpus=4-5 " in each["after"] for each in plan["changes"]), plan
+
+
 def test_wrong_words_exit_with_2(image: Path) -> None:
     for words in (
         ["plan", "--root", image / "none"],
