@@ -39,7 +39,8 @@ Json not_carried_json(const wire::Event& event) {
 
 Refusal stage_refusal(wire::StageResult result, const std::string& words) {
   const std::string code(to_string(result));
-  const char* next = result == wire::StageResult::busy || result == wire::StageResult::slots_full
+  const char* next = result == wire::StageResult::busy ? "the running law is unchanged; try again"
+                     : result == wire::StageResult::slots_full
                          ? "another swap is under way in the Spine; try again"
                          : "the running law is unchanged; lithe law check tells more";
   return {code, words.empty() ? fmt::format("the Loader refused the law: {}", code) : words, next};

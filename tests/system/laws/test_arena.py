@@ -23,8 +23,11 @@ def need_arena(rig: RobotRig) -> dict[str, Any]:
     return status
 
 
-def swap(rig: RobotRig, number: int) -> dict[str, Any]:
-    """One swap, and what is resident afterwards: the active law has a slot that is its own."""
+def swap(rig: RobotRig, number: int, tries: int = 3) -> dict[str, Any]:
+    """One swap, and what is resident afterwards: the active law has a slot that is its own.
+
+    A stall of the machine may take a law back before that is read; its slot is free again then.
+    """
     law = LAWS[number % len(LAWS)]
     done = rig.ask("swap", law)
     assert done["verdict"] == "committed" and done["law"] == law.stem
@@ -32,7 +35,10 @@ def swap(rig: RobotRig, number: int) -> dict[str, Any]:
     slots = [each["slot"] for each in resident if each["slot"] is not None]
     assert len(set(slots)) == len(slots), resident
     active: list[dict[str, Any]] = [each for each in resident if each["active"]]
-    assert [each["law"] for each in active] == [law.stem]
+    events = rig.ask("events")["events"][-20:]
+    if [each["law"] for each in active] != [law.stem]:
+        assert tries > 1 and "law_rolled_back" in [each["kind"] for each in events], events
+        return swap(rig, number, tries - 1)
     return active[0]
 
 
