@@ -128,8 +128,8 @@ STEPS = [
     ),
     Step(
         "ctest-long",
-        f"{build('release', 'loop_tests')} && "
-        "build/release/bin/loop_tests --gtest_also_run_disabled_tests --gtest_filter='*.DISABLED_*'",
+        f"{build('release', 'loop_tests limits_tests')} && for tests in loop_tests limits_limits; do "
+        "build/release/bin/$tests --gtest_also_run_disabled_tests --gtest_filter='*.DISABLED_*' || exit 1; done",
         "the same command",
         long=True,
     ),

@@ -12,6 +12,11 @@ constexpr int kBisections = 6;  // to 1/64 of what slew leaves
 constexpr double kSpeedShare = 0.9;
 // After this many time constants a first-order lag has settled to 86 %.
 constexpr double kLags = 2;
+// A torque acts longer than the reaction time by what a Transport thread, an exchange that is late and the drive's
+// estimate of the velocity add: with 3 ticks no bound of tests/limits is exceeded, with 2 some are.
+constexpr double kMoreTicks = 6;
+// Torques are kept for samples of this age; for an older one only these count.
+constexpr std::uint32_t kMostLateTicks = 40;
 
 }  // namespace
 
@@ -27,29 +32,37 @@ void Envelope::configure(const robot::RobotConfig& robot, const robot::JointConf
   // since.
   if (on()) brakes_.load_nm += damping_nm_s_rad_ * brakes_.deceleration_rad_s2() * reaction_s_;
   brakes_.load_nm = std::min(brakes_.load_nm, 0.95 * brakes_.torque_max_nm);
-  const double ticks = std::ceil((reaction_s_ + (kLags - 1) * joint.drive_lag_s) * robot.rate_hz) + 1;
-  ticks_per_bucket_ = static_cast<std::size_t>(std::ceil(ticks / (kBuckets - 1)));
+  acts_for_s_ = reaction_s_ + (kLags - 1) * joint.drive_lag_s + kMoreTicks / robot.rate_hz;
+  const double ticks = acts_for_s_ * robot.rate_hz + std::min(robot.spine.late_ticks_to_stop, kMostLateTicks);
+  ticks_per_bucket_ = static_cast<std::size_t>(std::ceil(ticks / (kBuckets - 2)));
+  buckets_per_s_ = robot.rate_hz / static_cast<double>(ticks_per_bucket_);
   forget();
 }
 
 void Envelope::forget() LITHE_RT {
   past_.fill({});
-  bucket_ = ticks_ = 0;
+  bucket_ = ticks_left_ = 0;
 }
 
 void Envelope::in_flight(double least_nm, double most_nm) LITHE_RT {
-  if (ticks_++ % ticks_per_bucket_ == 0) {
+  if (ticks_left_ == 0) {
+    ticks_left_ = ticks_per_bucket_ - 1;
     bucket_ = (bucket_ + 1) % kBuckets;
     past_[bucket_] = {least_nm, most_nm};
     return;
   }
+  --ticks_left_;
   past_[bucket_].least_nm = std::min(past_[bucket_].least_nm, least_nm);
   past_[bucket_].most_nm = std::max(past_[bucket_].most_nm, most_nm);
 }
 
-Envelope::Range Envelope::flying() const LITHE_RT {
-  Range all = past_[0];
-  for (const Range& each : past_) {
+Envelope::Range Envelope::flying(double age_s) const LITHE_RT {
+  // One more for the newest, which is not full, and one for the rest of the division.
+  const double wanted = (age_s + acts_for_s_) * buckets_per_s_ + 2;
+  const auto count = static_cast<std::size_t>(std::min<double>(wanted, kBuckets));
+  Range all = past_[bucket_];
+  for (std::size_t i = 1; i < count; ++i) {
+    const Range& each = past_[(bucket_ + kBuckets - i) % kBuckets];
     all.least_nm = std::min(all.least_nm, each.least_nm);
     all.most_nm = std::max(all.most_nm, each.most_nm);
   }
@@ -109,12 +122,12 @@ double Envelope::balance(const Measured& now, const Range& flying, double least_
 
 double Envelope::bound_one(const Measured& now, double least_nm, double wanted_nm, double most_nm, bool up) const
     LITHE_RT {
-  return on() ? restrict(now, flying(), up ? least_nm : most_nm, wanted_nm, up) : wanted_nm;
+  return on() ? restrict(now, flying(now.age_s), up ? least_nm : most_nm, wanted_nm, up) : wanted_nm;
 }
 
 double Envelope::bound(const Measured& now, double least_nm, double wanted_nm, double most_nm) const LITHE_RT {
   if (!on()) return wanted_nm;
-  const Range all = flying();
+  const Range all = flying(now.age_s);
   const bool up = now.velocity_rad_s > 0;
   const double other = restrict(now, all, up ? most_nm : least_nm, wanted_nm, !up);
   const double bounded = restrict(now, all, up ? least_nm : most_nm, other, up);

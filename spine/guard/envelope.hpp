@@ -21,9 +21,9 @@ struct Measured {
 // Selects a torque in the range that the slew bound allows:
 // 1. The torque nearest to the wanted one with which the joint still stops before its position limits and stays below
 //    its velocity limit.
-// 2. "Still stops" assumes the worst: the largest load pushes outwards from now on; torques in flight act until the new
-//    one does; the new one acts until the next one; then the torque falls to full braking at the slew bound
-//    (robot/limits/stopping.hpp).
+// 2. "Still stops" assumes the worst: the largest load pushes outwards from now on; since the sample, and until the new
+//    torque acts, it is the worst of those that were in flight; the new one acts until the next one; then the torque
+//    falls to full braking at the slew bound (robot/limits/stopping.hpp).
 // 3. If no torque stops the joint: the one that brakes hardest. If that would carry the joint to the opposite limit:
 //    the torque with the same overrun at both limits.
 // 4. Beyond a limit: a torque with which the joint goes no farther, and comes back slowly.
@@ -61,7 +61,7 @@ class Envelope {
   }
 
  private:
-  static constexpr std::size_t kBuckets = 16;
+  static constexpr std::size_t kBuckets = 8;
   struct Range {
     double least_nm = 0, most_nm = 0;
   };
@@ -71,15 +71,17 @@ class Envelope {
   bool stops(const Measured& now, const Range& flying, double torque_nm, bool up) const LITHE_RT;
   double restrict(const Measured& now, const Range& flying, double far_nm, double torque_nm, bool up) const LITHE_RT;
   double balance(const Measured& now, const Range& flying, double least_nm, double most_nm) const LITHE_RT;
-  Range flying() const LITHE_RT;
+  // Of all torques that acted since a sample of this age, or will.
+  Range flying(double age_s) const LITHE_RT;
 
   robot::Brakes brakes_;
   double position_min_rad_ = 0, position_max_rad_ = 0, speed_max_rad_s_ = 0;
   double reaction_s_ = 0, period_s_ = 0;
   double damping_nm_s_rad_ = 0;  // that a drive adds to every command
-  // Range of the torques that may still act, in buckets of several ticks.
+  // What was in flight lately, in buckets of one or more ticks; the newest is past_[bucket_].
   std::array<Range, kBuckets> past_{};
-  std::size_t bucket_ = 0, ticks_ = 0, ticks_per_bucket_ = 1;
+  std::size_t bucket_ = 0, ticks_left_ = 0, ticks_per_bucket_ = 1;  // ticks_left_: of the newest
+  double acts_for_s_ = 0, buckets_per_s_ = 0;                       // acts_for_s_: of a torque, after it was sent
 };
 
 }  // namespace lithe::guard

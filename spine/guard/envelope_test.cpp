@@ -89,6 +89,28 @@ TEST(Envelope, AnOlderSampleBrakesEarlier) {
   EXPECT_GT(fresh.settle(0.6), old.settle(0.6));
 }
 
+// What full torque may become in the next tick, `ticks` ticks after a single one with full torque.
+double after_a_push(Measured now, int ticks, double push_nm) {
+  Joint joint;
+  joint.envelope.in_flight(push_nm, push_nm);
+  for (int i = 0; i < ticks; ++i) joint.envelope.in_flight(0, 0);
+  return joint.envelope.bound(now, -0.6, 0.6, 0.6);
+}
+
+TEST(Envelope, ATorqueThatActedSinceTheSampleCounts) {
+  for (const int ticks : {0, 5, 15, 19}) {
+    const Measured old{1.5 - 0.025 * ticks, 20, 1e-3 * ticks};
+    EXPECT_LT(after_a_push(old, ticks, 0.6), after_a_push(old, ticks, 0)) << ticks;
+    EXPECT_LT(after_a_push(old, ticks, 0), 0.6) << "the limit is near";
+  }
+}
+
+TEST(Envelope, ATorqueThatActedBeforeTheSampleIsInIt) {
+  const Measured fresh{1.5, 20, 0};
+  EXPECT_LT(after_a_push(fresh, 30, 0), 0.6) << "the limit is near";
+  EXPECT_EQ(after_a_push(fresh, 30, 0.6), after_a_push(fresh, 30, 0));
+}
+
 TEST(Envelope, WithNothingKnownItBoundsNothing) {
   robot::RobotConfig robot = arm();
   robot.joints[0].inertia_max_kg_m2 = 0;
