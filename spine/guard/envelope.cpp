@@ -14,7 +14,7 @@ constexpr double kSpeedShare = 0.9;
 constexpr double kLags = 2;
 // A torque acts longer than the reaction time by what a Transport thread, an exchange that is late and the drive's
 // estimate of the velocity add: with 3 ticks no bound of tests/limits is exceeded, with 2 some are.
-constexpr double kMoreTicks = 6;
+constexpr std::size_t kMoreTicks = 6;
 // Torques are kept for samples of this age; for an older one only these count.
 constexpr std::uint32_t kMostLateTicks = 40;
 
@@ -32,10 +32,10 @@ void Envelope::configure(const robot::RobotConfig& robot, const robot::JointConf
   // since.
   if (on()) brakes_.load_nm += damping_nm_s_rad_ * brakes_.deceleration_rad_s2() * reaction_s_;
   brakes_.load_nm = std::min(brakes_.load_nm, 0.95 * brakes_.torque_max_nm);
-  acts_for_s_ = reaction_s_ + (kLags - 1) * joint.drive_lag_s + kMoreTicks / robot.rate_hz;
-  const double ticks = acts_for_s_ * robot.rate_hz + std::min(robot.spine.late_ticks_to_stop, kMostLateTicks);
-  ticks_per_bucket_ = static_cast<std::size_t>(std::ceil(ticks / (kBuckets - 2)));
-  buckets_per_s_ = robot.rate_hz / static_cast<double>(ticks_per_bucket_);
+  const double acts_for_s = reaction_s_ + (kLags - 1) * joint.drive_lag_s;
+  acts_for_ticks_ = static_cast<std::size_t>(std::ceil(acts_for_s * robot.rate_hz)) + kMoreTicks;
+  const std::size_t ticks = acts_for_ticks_ + std::min(robot.spine.late_ticks_to_stop, kMostLateTicks);
+  ticks_per_bucket_ = (ticks + kBuckets - 3) / (kBuckets - 2);
   forget();
 }
 
@@ -56,10 +56,9 @@ void Envelope::in_flight(double least_nm, double most_nm) LITHE_RT {
   past_[bucket_].most_nm = std::max(past_[bucket_].most_nm, most_nm);
 }
 
-Envelope::Range Envelope::flying(double age_s) const LITHE_RT {
+Envelope::Range Envelope::flying(std::uint32_t age_ticks) const LITHE_RT {
   // One more for the newest, which is not full, and one for the rest of the division.
-  const double wanted = (age_s + acts_for_s_) * buckets_per_s_ + 2;
-  const auto count = static_cast<std::size_t>(std::min<double>(wanted, kBuckets));
+  const std::size_t count = std::min((age_ticks + acts_for_ticks_) / ticks_per_bucket_ + 2, kBuckets);
   Range all = past_[bucket_];
   for (std::size_t i = 1; i < count; ++i) {
     const Range& each = past_[(bucket_ + kBuckets - i) % kBuckets];
@@ -122,12 +121,12 @@ double Envelope::balance(const Measured& now, const Range& flying, double least_
 
 double Envelope::bound_one(const Measured& now, double least_nm, double wanted_nm, double most_nm, bool up) const
     LITHE_RT {
-  return on() ? restrict(now, flying(now.age_s), up ? least_nm : most_nm, wanted_nm, up) : wanted_nm;
+  return on() ? restrict(now, flying(now.age_ticks), up ? least_nm : most_nm, wanted_nm, up) : wanted_nm;
 }
 
 double Envelope::bound(const Measured& now, double least_nm, double wanted_nm, double most_nm) const LITHE_RT {
   if (!on()) return wanted_nm;
-  const Range all = flying(now.age_s);
+  const Range all = flying(now.age_ticks);
   const bool up = now.velocity_rad_s > 0;
   const double other = restrict(now, all, up ? most_nm : least_nm, wanted_nm, !up);
   const double bounded = restrict(now, all, up ? least_nm : most_nm, other, up);

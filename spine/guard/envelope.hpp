@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 
 #include "spine/core/rt.hpp"
 #include "spine/robot/config.hpp"
@@ -15,7 +16,8 @@ namespace lithe::guard {
 struct Measured {
   double position_rad = 0;
   double velocity_rad_s = 0;
-  double age_s = 0;  // of both
+  double age_s = 0;             // of both
+  std::uint32_t age_ticks = 0;  // ticks since the one that had them new
 };
 
 // Selects a torque in the range that the slew bound allows:
@@ -72,7 +74,7 @@ class Envelope {
   double restrict(const Measured& now, const Range& flying, double far_nm, double torque_nm, bool up) const LITHE_RT;
   double balance(const Measured& now, const Range& flying, double least_nm, double most_nm) const LITHE_RT;
   // Of all torques that acted since a sample of this age, or will.
-  Range flying(double age_s) const LITHE_RT;
+  Range flying(std::uint32_t age_ticks) const LITHE_RT;
 
   robot::Brakes brakes_;
   double position_min_rad_ = 0, position_max_rad_ = 0, speed_max_rad_s_ = 0;
@@ -81,7 +83,7 @@ class Envelope {
   // What was in flight lately, in buckets of one or more ticks; the newest is past_[bucket_].
   std::array<Range, kBuckets> past_{};
   std::size_t bucket_ = 0, ticks_left_ = 0, ticks_per_bucket_ = 1;  // ticks_left_: of the newest
-  double acts_for_s_ = 0, buckets_per_s_ = 0;                       // acts_for_s_: of a torque, after it was sent
+  std::size_t acts_for_ticks_ = 0;                                  // a torque, after it was sent
 };
 
 }  // namespace lithe::guard

@@ -89,24 +89,31 @@ TEST(Envelope, AnOlderSampleBrakesEarlier) {
   EXPECT_GT(fresh.settle(0.6), old.settle(0.6));
 }
 
-// What full torque may become in the next tick, `ticks` ticks after a single one with full torque.
-double after_a_push(Measured now, int ticks, double push_nm) {
+// What full torque may become, `ticks` ticks after a single one with that push; `before` ticks without came first.
+double after_a_push(Measured now, int ticks, double push_nm, int before = 0) {
   Joint joint;
+  for (int i = 0; i < before; ++i) joint.envelope.in_flight(0, 0);
   joint.envelope.in_flight(push_nm, push_nm);
   for (int i = 0; i < ticks; ++i) joint.envelope.in_flight(0, 0);
   return joint.envelope.bound(now, -0.6, 0.6, 0.6);
 }
 
-TEST(Envelope, ATorqueThatActedSinceTheSampleCounts) {
-  for (const int ticks : {0, 5, 15, 19}) {
-    const Measured old{1.5 - 0.025 * ticks, 20, 1e-3 * ticks};
-    EXPECT_LT(after_a_push(old, ticks, 0.6), after_a_push(old, ticks, 0)) << ticks;
-    EXPECT_LT(after_a_push(old, ticks, 0), 0.6) << "the limit is near";
+// At 1 kHz: one tick of the pipeline, two lags of 3 ms and kMoreTicks.
+constexpr int kActsForTicks = 13;
+
+TEST(Envelope, ATorqueThatStillActedSinceTheSampleCounts) {
+  for (const int age : {0, 1, 5, 11, 19}) {
+    for (int before = 0; before < 8; ++before) {
+      const Measured old{1.5 - 0.025 * age, 20, 1e-3 * age, static_cast<std::uint32_t>(age)};
+      const int ticks = age + kActsForTicks;
+      EXPECT_LT(after_a_push(old, ticks, 0.6, before), after_a_push(old, ticks, 0)) << age << ", " << before;
+      EXPECT_LT(after_a_push(old, ticks, 0), 0.6) << "the limit is near";
+    }
   }
 }
 
 TEST(Envelope, ATorqueThatActedBeforeTheSampleIsInIt) {
-  const Measured fresh{1.5, 20, 0};
+  const Measured fresh{1.5, 20, 0, 0};
   EXPECT_LT(after_a_push(fresh, 30, 0), 0.6) << "the limit is near";
   EXPECT_EQ(after_a_push(fresh, 30, 0.6), after_a_push(fresh, 30, 0));
 }

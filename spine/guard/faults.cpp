@@ -70,6 +70,12 @@ Fault Guard::fault_of_joints(const Input& in, bool too_late) LITHE_RT {
   Fault worst = Fault::none;
   for (std::size_t j = 0; j < joints_; ++j) {
     Joint& joint = joint_[j];
+    // While the whole sample is late, its age says so. A drive without an answer may be accepted for long.
+    constexpr std::uint32_t kMostUnseen = 10'000;
+    if ((in.joint_status[j] & bit::kFresh) != 0)
+      joint.unseen_ticks = 0;
+    else if (in.stale_ticks == 0)
+      joint.unseen_ticks = std::min(joint.unseen_ticks + 1, kMostUnseen);
     joint.usable = !too_late && is_sane(in, j) && (in.joint_status[j] & (bit::kLost | bit::kConflict)) == 0;
     const Fault fault = fault_of_joint(in, j);
     if (fault == Fault::none) continue;

@@ -133,8 +133,10 @@ Verdict Guard::check(const Input& in, JointCommands& out) LITHE_RT {
 
 Measured Guard::measured(std::size_t j, const Input& in) const LITHE_RT {
   constexpr std::int64_t kOldestNs = 1'000'000'000;
+  const std::uint32_t unseen = joint_[j].unseen_ticks;
   return {in.position_rad[j], in.velocity_rad_s[j],
-          1e-9 * static_cast<double>(std::clamp<std::int64_t>(in.sample_age_ns, 0, kOldestNs))};
+          1e-9 * static_cast<double>(std::clamp<std::int64_t>(in.sample_age_ns, 0, kOldestNs)) + period_s_ * unseen,
+          in.stale_ticks + unseen};
 }
 
 // Predicted position when the next command reaches the drive.

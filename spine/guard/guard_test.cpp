@@ -359,5 +359,24 @@ TEST(Guard, NothingIsAllocatedInTheTick) {
   bench.guard.reset_output();
 }
 
+TEST(Guard, AJointWithoutAnAnswerBrakesAsFarAheadAsItsSampleIsOld) {
+  robot::RobotConfig robot = robot_with(1);
+  robot.joints[0].inertia_min_kg_m2 = robot.joints[0].inertia_max_kg_m2 = 0.02;
+  robot.joints[0].load_max_nm = 0.1;
+  const auto allowed_nm = [&](std::uint32_t status, int ticks) {
+    Bench bench(robot);
+    bench.position[0] = 2.05;
+    bench.velocity[0] = 8;
+    bench.torque[0] = 1;
+    bench.settle();
+    bench.status[0] = status;
+    bench.settle(ticks);
+    return bench.felt_nm();
+  };
+  EXPECT_EQ(allowed_nm(wire::joint_status::kFresh, 1), allowed_nm(wire::joint_status::kFresh, 4));
+  EXPECT_LT(allowed_nm(0, 1), allowed_nm(wire::joint_status::kFresh, 1));
+  EXPECT_LT(allowed_nm(0, 4), allowed_nm(0, 1));
+}
+
 }  // namespace
 }  // namespace lithe::guard

@@ -114,12 +114,18 @@ struct Tally {
   std::map<std::string, double> worst_rad;  // by adversary
 };
 
-Tally tally(const robot::RobotConfig& robot, std::uint64_t from, std::uint64_t runs, bool with_envelope = true) {
+void leave_as_it_is(Run&) {}
+void miss_answers(Run& run) { run.missed_answers = true; }
+void forget_inertia(Run& run) {
+  for (robot::JointConfig& joint : run.robot.joints) joint.inertia_max_kg_m2 = 0;
+}
+
+Tally tally(const robot::RobotConfig& robot, std::uint64_t from, std::uint64_t runs,
+            void (*change)(Run&) = leave_as_it_is) {
   Tally all;
   for (std::uint64_t seed = from; seed < from + runs; ++seed) {
     Run run = a_run(robot, seed);
-    if (!with_envelope)
-      for (robot::JointConfig& joint : run.robot.joints) joint.inertia_max_kg_m2 = 0;
+    change(run);
     const Extremes extremes = play(run);
     ++all.runs;
     all.ticks += extremes.ticks;
@@ -213,11 +219,20 @@ TEST(LimitsTwin, WithoutStoppingDistanceIsCaught) {
   for (const char* name : {"arm", "chain", "frankenstein"}) {
     const robot::RobotConfig robot = load(name);
     const Bounds bounds = bounds_of(robot);
-    const Extremes most = tally(robot, 1, 60, false).most;
+    const Extremes most = tally(robot, 1, 60, forget_inertia).most;
     EXPECT_GT(most.overrun_rad, bounds.overrun_rad + 0.2) << name;
     EXPECT_GT(most.speed_share, bounds.speed_share) << name;
     if (robot.plant.kind == robot::PlantKind::chain) EXPECT_GT(most.step_share, bounds.step_share) << name;
   }
+}
+
+TEST(LimitsMissed, AnArmStaysInsideWhenUpToEightAnswersInARowAreLost) {
+  const robot::RobotConfig robot = load("arm");
+  const Tally all = tally(robot, 1, 2 * kRuns / LITHE_LIMITS_SHARE, miss_answers);
+  const Bounds bounds = long_bounds_of(robot);
+  EXPECT_LE(all.most.overrun_rad, bounds.overrun_rad);
+  EXPECT_LE(all.most.speed_share, bounds.speed_share);
+  EXPECT_LE(all.most.step_share, bounds.step_share);
 }
 
 // Whether a joint that its brake lets go of can still be stopped on this way, when the first torque acts.

@@ -226,6 +226,7 @@ class Player {
  private:
   struct Sample {
     JointArray position{}, velocity{};
+    std::array<std::uint32_t, kMaxJoints> status{};
   };
 
   // A drive is asked in one of so many exchanges; a late bus delays it and takes it no turn.
@@ -234,6 +235,11 @@ class Player {
   void look() {
     for (std::size_t j = 0; j < count_; ++j) {
       if (!asked(j)) continue;
+      const bool missed =
+          run_.missed_answers && exchanges_ > 0 && missed_[j] < 8 && misses_() % 10 < (missed_[j] > 0 ? 9 : 1);
+      missed_[j] = missed ? missed_[j] + 1 : 0;
+      sample_.status[j] = missed ? 0 : wire::joint_status::kFresh;
+      if (missed) continue;
       sample_.position[j] = drives_[j].read_rad;
       sample_.velocity[j] = drives_[j].speed_rad_s;
     }
@@ -277,8 +283,8 @@ class Player {
     const wire::Mode mode = run_.recover          ? wire::Mode::recover
                             : t >= run_.stop_at_s ? wire::Mode::safe_stop
                                                   : wire::Mode::active;
-    const guard::Verdict verdict = guard_.check({mode, stale, 1'000'000, sample.position, sample.velocity, status_,
-                                                 law_.effort, static_cast<std::int64_t>(1e9 * age_s)},
+    const guard::Verdict verdict = guard_.check({mode, stale, 1'000'000, sample.position, sample.velocity,
+                                                 sample.status, law_.effort, static_cast<std::int64_t>(1e9 * age_s)},
                                                 output_);
     if (extremes_.fault == wire::Fault::none) extremes_.fault = verdict.fault;
   }
@@ -318,7 +324,8 @@ class Player {
   std::array<Drive, kMaxJoints> drives_{};
   std::vector<std::uint32_t> dividers_;
   std::vector<double> torque_nm_;
-  std::array<std::uint32_t, kMaxJoints> status_{};
+  std::mt19937_64 misses_{run_.seed + 8};
+  std::array<int, kMaxJoints> missed_{};
   Sample sample_, before_;
   double taken_ = 0;
   Extremes extremes_;

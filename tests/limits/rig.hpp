@@ -43,6 +43,7 @@ struct Run {
   bool transport_thread = false;  // samples are one exchange old
   double stop_at_s = 1e9;         // a safe stop in the middle
   bool late_bus = false;          // now and then an exchange takes too long
+  bool missed_answers = false;    // now and then a drive's answers are lost, eight in a row at most
   bool noise = false;             // each reading of an encoder is off by its plant's encoder_noise_rad
   bool recover = false;           // no law runs: the guard brings the joints inside
   std::vector<double> bias_nm;    // of each joint: what pulls at it beside the declared plant

@@ -42,6 +42,7 @@ struct Bench {
   explicit Bench(const robot::RobotConfig& robot = robot_with(1)) {
     guard.configure(robot);
     effort.position_rad.fill(kNoTarget);
+    status.fill(wire::joint_status::kFresh);
   }
 
   // One tick: the previous output was sent, unless the bus was late.
