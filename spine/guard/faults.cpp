@@ -71,7 +71,7 @@ Fault Guard::fault_of_joints(const Input& in, bool too_late) LITHE_RT {
   for (std::size_t j = 0; j < joints_; ++j) {
     Joint& joint = joint_[j];
     // While the whole sample is late, its age says so. A drive without an answer may be accepted for long.
-    constexpr std::uint32_t kMostUnseen = 10'000;
+    constexpr std::uint32_t kMostUnseen = 1000;
     if ((in.joint_status[j] & bit::kFresh) != 0)
       joint.unseen_ticks = 0;
     else if (in.stale_ticks == 0)
