@@ -13,7 +13,8 @@ constexpr double kSpeedShare = 0.9;
 // After this many time constants a first-order lag has settled to 86 %.
 constexpr double kLags = 2;
 // A torque acts longer than the reaction time by what a Transport thread, an exchange that is late and the drive's
-// estimate of the velocity add: with 3 ticks no bound of tests/limits is exceeded, with 2 some are.
+// estimate of the velocity add. With buckets of one or two ticks, no bound of tests/limits was exceeded with 3, some
+// with 2.
 constexpr std::size_t kMoreTicks = 6;
 // Torques are kept for samples of this age; for an older one only these count.
 constexpr std::uint32_t kMostLateTicks = 40;
