@@ -54,8 +54,8 @@ check:  ## what CI asks: format, tidy, rooms, schema, limits, types, ASan+UBSan,
 	@tools/setup arm64 || echo "make check: without these packages the step arm64 is skipped" >&2
 	@$(PYTHON) tools/check.py
 
-check-all:  ## check, and what takes too long for every merge: all tests under ASan and for ARM, emulated boards, a minute of each fuzzer, mutants, long tests
-	@tools/setup build test check bench vcan arm64 boards
+check-all:  ## check, and what takes too long for every merge: all tests under ASan and for ARM, emulated boards, Debian 13, a minute of each fuzzer, mutants, long tests
+	@tools/setup build test check bench vcan arm64 boards debian13
 	@$(PYTHON) tools/check.py --all
 
 bench:  ## jitter, tick cost, scale, Channel latency, each against a peer and a control that must fail -> out/bench/

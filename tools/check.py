@@ -126,6 +126,7 @@ STEPS = [
         "make boards BOARD=x repeats one board; build/boards/x/*.log is what it said",
         long=True,
     ),
+    Step("debian13", "tools/vm/debian13", "tools/vm/debian13 'cd /lithe && bash' repeats it by hand", long=True),
     Step(
         "ctest-long",
         f"{build('release', 'loop_tests limits_tests')} && for tests in loop_tests limits_limits; do "

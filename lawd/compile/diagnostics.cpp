@@ -93,25 +93,44 @@ json entry(const json& raw, const Sources& sources, const std::vector<std::strin
   return out;
 }
 
+// What the compiler printed: its messages, and the lines that are none.
+struct Printed {
+  std::vector<json> messages;
+  std::string rest;
+};
+
+// g++ 12 prints its array of messages on one line, g++ 14 spreads it over many. An array without an end (the compiler
+// was killed) is left out: it may quote a file that the law may not read.
+Printed printed(const std::string& output) {
+  Printed result;
+  std::string array;
+  for (const std::string_view line : lines_in(output)) {
+    if (array.empty() && !line.starts_with("[")) {
+      if (!line.empty()) result.rest += std::string(line) + "\n";
+      continue;
+    }
+    array += std::string(line) + "\n";
+    if (!line.ends_with("]")) continue;
+    const json parsed = json::parse(array, nullptr, false);
+    if (!parsed.is_array()) continue;
+    array.clear();
+    for (const json& raw : parsed)
+      if (raw.is_object()) result.messages.push_back(raw);
+  }
+  return result;
+}
+
 }  // namespace
 
 Diagnostics read_diagnostics(const std::string& output, const Sources& sources) {
   const std::string& name = sources.name;
   const std::vector<std::string_view> lines = lines_in(sources.text);
+  const Printed seen = printed(output);
   std::vector<json> all;
-  std::string rest;
   bool contract = false;
-  for (const std::string_view line : lines_in(output)) {
-    const json parsed = line.starts_with("[") ? json::parse(line, nullptr, false) : json();
-    if (!parsed.is_array()) {
-      if (!line.empty()) rest += std::string(line) + "\n";
-      continue;
-    }
-    for (const json& raw : parsed) {
-      if (!raw.is_object()) continue;
-      all.push_back(entry(raw, sources, lines));
-      contract = contract || all.back().contains("contract");
-    }
+  for (const json& raw : seen.messages) {
+    all.push_back(entry(raw, sources, lines));
+    contract = contract || all.back().contains("contract");
   }
   Diagnostics result;
   std::size_t more = 0;
@@ -135,7 +154,7 @@ Diagnostics read_diagnostics(const std::string& output, const Sources& sources) 
     }
   }
   if (more > 0) result.text += fmt::format("... and {} more\n", more);
-  if (result.list.empty()) result.text = rest;
+  if (result.list.empty()) result.text = seen.rest;
   return result;
 }
 

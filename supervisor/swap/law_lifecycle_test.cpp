@@ -176,7 +176,8 @@ TEST_F(LawLifecycleTest, ARollbackSaysWhatTheJointDid) {
   EXPECT_NE(kept_[102]["rolled_back"]["next"].get<std::string>().find("its torque grows with its position"),
             std::string::npos)
       << kept_[102]["rolled_back"];
-  EXPECT_EQ(explained_[102], kept_[102]["rolled_back"]["next"]) << "who follows the events is told, too";
+  EXPECT_EQ(explained_[102], kept_[102]["rolled_back"]["next"].get<std::string>())
+      << "who follows the events is told, too";
   const Json score = lifecycle_->score_of(2);
   EXPECT_EQ(score["verdict"], "rolled_back");
   EXPECT_GT(score["rms_error_rad"]["elbow"], 0.01);

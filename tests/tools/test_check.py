@@ -51,6 +51,7 @@ def test_long_steps_run_only_when_all_are_asked_for_or_by_name() -> None:
         "fuzz-long",
         "arm64-all",
         "boards",
+        "debian13",
         "ctest-long",
         "pytest-long",
     ]

@@ -156,14 +156,14 @@ def test_every_package_line_has_a_group_a_name_and_a_reason() -> None:
     for line in (ROOT / "tools/packages.txt").read_text().splitlines():
         if not line.startswith("#"):
             group, _, reason = line.split(maxsplit=2)
-            assert group in {"build", "test", "check", "bench", "vcan", "arm64", "boards"}
+            assert group in {"build", "test", "check", "bench", "vcan", "arm64", "boards", "debian13"}
             assert len(reason) > len("short")
 
 
 def test_a_word_that_is_no_group_is_refused_before_anything_happens(machine: Path) -> None:
     done = setup(machine, "build", "--help")
     assert done.returncode == 2
-    assert "no group '--help'" in done.stderr and "bench boards build check test vcan" in done.stderr
+    assert "no group '--help'" in done.stderr and "bench boards build check debian13 test vcan" in done.stderr
     assert not (machine / "apt.log").exists() and not (machine / ".venv").exists()
 
 

@@ -42,12 +42,11 @@ struct Named {
 };
 
 std::vector<Named> named(const SpineConfig& wanted) {
-  std::vector<Named> all = {{"cpu_spine", wanted.cpu_spine},
-                            {"cpu_transport", wanted.cpu_transport},
-                            {"cpu_brain", wanted.cpu_brain},
-                            {"cpu_housekeeping", wanted.cpu_housekeeping}};
-  all.erase(std::remove_if(all.begin(), all.end(), [](const Named& each) { return each.cpu == kAutoCpu; }), all.end());
-  return all;
+  std::vector<Named> chosen;
+  for (const Named& each : {Named{"cpu_spine", wanted.cpu_spine}, Named{"cpu_transport", wanted.cpu_transport},
+                            Named{"cpu_brain", wanted.cpu_brain}, Named{"cpu_housekeeping", wanted.cpu_housekeeping}})
+    if (each.cpu != kAutoCpu) chosen.push_back(each);
+  return chosen;
 }
 
 std::string why_not(int cpu, const MachineCores& cores) {
