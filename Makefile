@@ -21,20 +21,11 @@ demo: no-other-demo release  ## the experiment on a simulated arm (or ROBOT=FILE
 	  --model '$(MODEL)',$(error AGENT=$(AGENT) is none: leave it out, or AGENT=llm LLM_URL=URL MODEL=NAME)))
 
 test: PACKAGES := build test
-test: BESIDE := -m 'not alone and not long'
-test: SAID := build/said
 test: TARGETS := $(if $(ROOM),--target $(ROOM)_tests)
 test: ROOMS := cmake --build --preset release --target help | sed -nE "s/^([a-z0-9_]+)_tests: .*/\1/p" | grep -vx tick | sort -u
 test: KNOWN = $(if $(ROOM),{ $(ROOMS) | grep -qx $(ROOM) || { echo "make test: there is no room $(ROOM). Rooms:" $$($(ROOMS)) >&2; exit 1; }; } &&)
 test: release  ## every test: C++ (ctest), then Python and across processes (pytest); ROOM=guard for the C++ tests of one room
-	@rm -rf $(SAID) && mkdir -p $(SAID)
-	@ctest --preset release -j $(WORKERS) --progress --output-junit $(CURDIR)/$(SAID)/ctest.xml -LE '^mutant$$' \
-	  $(if $(ROOM),-L '(^|[.])$(ROOM)$$') || \
-	  ctest --preset release --rerun-failed --output-junit $(CURDIR)/$(SAID)/ctest-again.xml
-	@$(if $(ROOM),,$(PYTHON) -m pytest -n $(WORKERS) --dist loadfile $(BESIDE) --junitxml=$(SAID)/pytest.xml || \
-	  $(PYTHON) -m pytest --last-failed --lfnf=none $(BESIDE) --junitxml=$(SAID)/pytest-again.xml)
-	@$(if $(ROOM),,$(PYTHON) -m pytest -m 'alone and not long' --junitxml=$(SAID)/alone.xml)
-	@$(PYTHON) tools/summary.py $(foreach runner,ctest ctest-again pytest pytest-again alone,$(SAID)/$(runner).xml)
+	@$(PYTHON) tools/run_tests.py --workers $(WORKERS) $(if $(ROOM),--room $(ROOM))
 
 test-fast: PACKAGES := build test
 test-fast: release  ## C++ tests without properties of thousands of runs and fuzzer seeds; of Python the tools' tests

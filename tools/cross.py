@@ -18,7 +18,7 @@ from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree
 
-import summary
+import run_tests
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ROOT / "tools/packages.txt"
@@ -201,7 +201,7 @@ def test(rooms: list[str], jobs: int) -> int:
         raise Trouble("ctest wrote no report; what it printed is above")
     for reason, count in reasons(REPORT).most_common():
         print(f"arm64: {count:4} skipped: {reason}")
-    print(f"test: {summary.counted(REPORT)} in {time.monotonic() - started:.0f} s", flush=True)
+    print(f"test: {run_tests.counted(REPORT)} in {time.monotonic() - started:.0f} s", flush=True)
     return min(done.returncode, 1)
 
 
