@@ -9,6 +9,7 @@
 
 #include "lithe/law.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/law/arithmetic.hpp"
 #include "spine/law/migrate.hpp"
 
 namespace lithe::law {
@@ -57,7 +58,8 @@ struct Resident {
   // Clears `effort`, then runs the law once.
   void step(const Tick& tick, Effort& effort, std::array<double, kMaxProbes>& probes) LITHE_RT {
     effort.clear(tick.joints);
-    descriptor->step(&tick, params.data(), state.data(), &effort, probes.data());
+    with_law_arithmetic([&]()
+                            LITHE_RT { descriptor->step(&tick, params.data(), state.data(), &effort, probes.data()); });
   }
 
   // False, and nothing changed, when there is no such param or the value is outside its range.

@@ -13,6 +13,7 @@
 #include "spine/core/mapping.hpp"
 #include "spine/core/result.hpp"
 #include "spine/core/rt.hpp"
+#include "spine/law/arithmetic.hpp"
 #include "spine/law/resident.hpp"
 
 namespace lithe::law {
@@ -29,7 +30,9 @@ struct Sandbox {
   // Copies the inputs of `law` for this tick.
   void enter(const Resident& law, const Tick& in) LITHE_RT;
   // The law itself, on the copies.
-  LITHE_LEFT_BY_A_JUMP void call() LITHE_RT { step(&tick, params.data(), state.data(), &effort, probes.data()); }
+  LITHE_LEFT_BY_A_JUMP void call() LITHE_RT {
+    with_law_arithmetic([this]() LITHE_RT { step(&tick, params.data(), state.data(), &effort, probes.data()); });
+  }
   // Copies its state back, after it has returned and its output is accepted.
   void keep_state(Resident& law) const LITHE_RT {
     std::memcpy(law.state.data(), state.data(), std::min<std::size_t>(law.descriptor->state_size, kMaxStateBytes));

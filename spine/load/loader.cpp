@@ -10,6 +10,7 @@
 #include "spine/arena/layout.hpp"
 #include "spine/core/joints.hpp"
 #include "spine/core/time.hpp"
+#include "spine/law/arithmetic.hpp"
 #include "spine/law/dry_inputs.hpp"
 
 namespace lithe::load {
@@ -59,7 +60,8 @@ struct Start {
 
 void call_init(void* context) {
   const Start& start = *static_cast<const Start*>(context);
-  start.init(start.history, start.sandbox->params.data(), start.sandbox->state.data());
+  law::with_law_arithmetic(
+      [&start]() LITHE_RT { start.init(start.history, start.sandbox->params.data(), start.sandbox->state.data()); });
 }
 
 void call_step(void* context) { static_cast<law::Sandbox*>(context)->call(); }

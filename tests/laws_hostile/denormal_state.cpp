@@ -1,21 +1,28 @@
 // SPDX-License-Identifier: Apache-2.0
 // stopped-by: none
 // without-gates: harmless
-// A filter that decays into denormal numbers: slow, but within the budget.
+// A bank of filters that has decayed into denormal numbers. They count as 0 while a law runs; else many a processor
+// would take about a hundred times longer than on ordinary ones, which is above the budget.
 #include <lithe/law.hpp>
 
 struct Hostile {
   struct Params {};
   struct State {
-    double x = 1e-290;
+    std::array<double, 400> z = [] {
+      std::array<double, 400> small{};
+      small.fill(1e-310);
+      return small;
+    }();
   };
 
   static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
-    for (std::uint32_t j = 0; j < t.joints; ++j) {
-      u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j];
+    double sum = 0;
+    for (int k = 0; k < 200; ++k) {
+      for (double& z : s.z) sum += z = 0.995 * z;
     }
-    s.x *= 0.5;
-    u.torque_nm[0] += s.x;
+    for (std::uint32_t j = 0; j < t.joints; ++j) {
+      u.torque_nm[j] = 4 * (t.setpoint_position_rad[j] - t.position_rad[j]) - 0.1 * t.velocity_rad_s[j] + sum;
+    }
   }
 };
 LITHE_LAW(Hostile, "denormal_state");

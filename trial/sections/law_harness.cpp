@@ -10,6 +10,7 @@
 #include <cstring>
 
 #include "spine/core/host/fd.hpp"
+#include "spine/law/arithmetic.hpp"
 
 namespace lithe::trial {
 namespace {
@@ -91,7 +92,8 @@ void LawHarness::reset(bool with_past) {
   if (law_.state_size > 0) std::memcpy(state_.data(), law_.state_defaults, law_.state_size);
   if (law_.init == nullptr) return;
   const History nothing{history_.ticks + history_.count, 0, history_.joints, history_.dt_s};
-  law_.init(with_past ? &history_ : &nothing, params_.law_view(), state_.data());
+  law::with_law_arithmetic(
+      [&]() LITHE_RT { law_.init(with_past ? &history_ : &nothing, params_.law_view(), state_.data()); });
 }
 
 double LawHarness::step(const Tick& in) LITHE_RT {
@@ -102,7 +104,9 @@ double LawHarness::step(const Tick& in) LITHE_RT {
   effort->clear(kMaxJoints);
   std::fill_n(probes, law_.probe_count, 0.0);
   const std::int64_t from_ns = clock_.now_ns();
-  law_.step(reinterpret_cast<const Tick*>(tick_.law_view()), params_.law_view(), state_.data(), effort, probes);
+  law::with_law_arithmetic([&]() LITHE_RT {
+    law_.step(reinterpret_cast<const Tick*>(tick_.law_view()), params_.law_view(), state_.data(), effort, probes);
+  });
   return static_cast<double>(clock_.now_ns() - from_ns);
 }
 

@@ -3,11 +3,15 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <limits>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "spine/core/joints.hpp"  // must compile together with the contract in one file
 #include "spine/law/resident.hpp"
+#include "spine/law/sandbox.hpp"
 
 namespace {
 
@@ -106,6 +110,40 @@ TEST(Resident, StepRunsTheLawOnHostMemory) {
   std::uint16_t count = 0;
   std::memcpy(&count, resident.state.data() + kFiltered.state[4].offset, sizeof count);
   EXPECT_EQ(count, 8);
+}
+
+double half_of_smallest() {
+  volatile double smallest = std::numeric_limits<double>::min();
+  return smallest / 2;
+}
+
+struct Halves {
+  struct Params {};
+  struct State {};
+  static void step(const lithe::Tick& t, const Params&, State&, lithe::Effort& u) {
+    u.torque_nm[0] = half_of_smallest();
+    u.torque_nm[1] = t.position_rad[0] * 0x1p1022;
+  }
+};
+constexpr LitheLaw kHalves = lithe::describe<Halves>("halves");
+
+TEST(Resident, ADenormalNumberIsZeroForALawOnly) {
+  lithe::law::Resident resident;
+  lithe::law::reset_resident(resident, kHalves);
+  lithe::Tick tick;
+  tick.joints = 2;
+  tick.position_rad[0] = std::numeric_limits<double>::denorm_min();
+  lithe::Effort effort;
+  std::array<double, lithe::kMaxProbes> probes{};
+  resident.step(tick, effort, probes);
+  const auto sandbox = std::make_unique<lithe::law::Sandbox>();
+  sandbox->enter(resident, tick);
+  sandbox->call();
+  for (const lithe::Effort& given : {effort, sandbox->effort}) {
+    EXPECT_EQ(given.torque_nm[0], 0) << "as a result";
+    EXPECT_EQ(given.torque_nm[1], 0) << "as an operand";
+  }
+  EXPECT_GT(half_of_smallest(), 0) << "for the caller";
 }
 
 TEST(Resident, ParamOutsideItsRangeOrNotANumberIsRefused) {
