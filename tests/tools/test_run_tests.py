@@ -90,13 +90,13 @@ endforeach()
 PRESETS = """{"version": 5,
 "configurePresets": [{"name": "release", "generator": "Ninja", "binaryDir": "${sourceDir}/build/release"}],
 "testPresets": [{"name": "release", "configurePreset": "release"}]}"""
-PASSES, FAILS, FAILS_ONCE = """import pathlib
+PASSES, FAILS, FAILS_ONCE = "exit 0", "exit 1", "[ -e $0.ran ] || { touch $0.ran; exit 1; }"
+ONCE = """import pathlib
 def test_{0}():
     ran = pathlib.Path("ran{0}").exists()
     pathlib.Path("ran{0}").touch()
     assert ran
 """
-ONCE = "import pathlib\ndef test_{0}():\n    ran = pathlib.Path('ran{0}').exists()\n    pathlib.Path('ran{0}').touch()\n    assert ran\n"
 
 
 def make_test(folder: Path, label: str, scripts: tuple[str, str, str], python: str) -> tuple[int, str, str]:
