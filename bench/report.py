@@ -20,7 +20,6 @@ from bench.tables import Figures
 
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out/bench"
-TRIES = 3
 DISTURBED = 0.05  # above this share of stolen or preempted ticks a run is INCONCLUSIVE
 RESTING = 0.3  # of the exchanges: a joint that reverses is at rest for a moment
 BESIDE = 2.0  # times slower: a Spine on another core has almost no effect on one thread on the Brain's core
@@ -200,21 +199,17 @@ def unsteady(bench: Bench, figures: Figures) -> dict[str, str]:
 
 
 def examine(name: str, bench: Bench) -> Figures:
-    """Measures, up to TRIES times while the machine disturbs it; after that INCONCLUSIVE, and its claims are null."""
+    """Measures once. A run that the machine disturbed is INCONCLUSIVE, and its claims are null."""
     load, began = os.getloadavg()[0], time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-    figures: Figures = {}
-    attempt, reasons, doubts = 0, ["not measured"], dict[str, str]()
-    while (reasons or doubts) and attempt < TRIES:
-        attempt += 1
-        print(f"bench: {name} ...", file=sys.stderr, flush=True)
-        try:
-            figures = measure(bench.command)
-        except Unmeasured as error:
-            figures, reasons, doubts = {}, [str(error)], {}
-            break
+    print(f"bench: {name} ...", file=sys.stderr, flush=True)
+    reasons, doubts = [], dict[str, str]()
+    try:
+        figures = measure(bench.command)
         reasons, doubts = disturbances(bench, figures), unsteady(bench, figures)
-        for reason in (*reasons, *doubts.values()):
-            print(f"bench: {name}: {reason}", file=sys.stderr)
+    except Unmeasured as error:
+        figures, reasons = {}, [str(error)]
+    for reason in (*reasons, *doubts.values()):
+        print(f"bench: {name}: {reason}", file=sys.stderr)
     if reasons:
         figures |= dict.fromkeys(bench.claims)
     else:
@@ -225,7 +220,6 @@ def examine(name: str, bench: Bench) -> Figures:
     return figures | {
         f"{name}_verdict": "INCONCLUSIVE" if reasons else "measured",
         f"{name}_reason": "; ".join(reasons),
-        f"{name}_attempts": attempt,
         f"{name}_measured_at": began,
         f"{name}_load_before": load,
         f"{name}_load_after": os.getloadavg()[0],

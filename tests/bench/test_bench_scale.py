@@ -109,23 +109,20 @@ def test_a_disturbed_comparison_of_codecs_is_null_and_costs_no_other_figure(
     monkeypatch.setattr(scale.report, "measure", lambda _: dict(disturbed))
     assert scale.main([]) == 1
     told = json.loads((tmp_path / "scale.json").read_text())
-    assert (told["scale_verdict"], told["scale_attempts"]) == ("INCONCLUSIVE", 3)
+    assert told["scale_verdict"] == "INCONCLUSIVE"
     assert told["codec_python_over_lithe_encode"] is None and told["codec_lithe_encode_ns"] is None
     assert told["codec_python_over_lithe_parse"] == 1.0 and told["exchange_32j_p50_us"] == 1.0
     assert "codec_python_encode_spread is" in told["scale_reason"]
 
 
-def test_a_steady_comparison_of_codecs_is_measured_once(
+def test_a_steady_comparison_of_codecs_is_measured(
     scale: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(scale.report, "OUT", tmp_path)
-    runs = [quiet(scale) | {"codec_upstream_over_lithe_parse": 2.0, "codec_upstream_parse_spread": 0.3}, quiet(scale)]
-    monkeypatch.setattr(scale.report, "measure", lambda _: runs.pop(0))
-    assert scale.main([]) == 0 and runs == [], "again, while another codec was disturbed"
+    monkeypatch.setattr(scale.report, "measure", lambda _: quiet(scale))
+    assert scale.main([]) == 0
     told = json.loads((tmp_path / "scale.json").read_text())
     assert (told["scale_verdict"], told["codec_python_over_lithe_encode"]) == ("measured", 1.0)
-    monkeypatch.setattr(scale.report, "measure", lambda _: quiet(scale))
-    assert scale.main([]) == 0 and json.loads((tmp_path / "scale.json").read_text())["scale_attempts"] == 1
 
 
 def test_an_absent_codec_is_a_reason_and_no_number(
