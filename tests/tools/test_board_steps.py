@@ -47,7 +47,7 @@ def test_a_step_with_a_result_tells_it() -> None:
     words = '{"kernel": {"words": "6.1"}, "label": "D-v"}', '{"swaps": {}, "certificates": 1}'
     doctor, _, _, swaps = board_systems.rt_lines(seen(doctor=words[0], swaps=words[1])[0], "A-v")
     assert doctor.endswith(
-        "tier D-v, booted with the line of `lithe tune` A-v; all 37 items as a shell script reads them"
+        "tier D-v, booted with the line of `lithe tune` A-v; all 39 items as a shell script reads them"
     )
     assert swaps.endswith("1 certificates, chain holds")
     laws = '{"laws": {"full_torque": {"kinds": ["overran"], "wanted": "clamp", "as_said": true}}}'

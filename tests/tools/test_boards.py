@@ -254,7 +254,7 @@ DIAGNOSIS: dict[str, Any] = {
     [
         ({}, {}, ""),
         ({"label": "A-v"}, {}, "doctor: tier A-v, not C-v or D-v"),
-        ({"items": ITEMS[1:]}, {}, "36 items of 37"),
+        ({"items": ITEMS[1:]}, {}, "38 items of 39"),
         ({"items": [ITEMS[0] | {"state": "fail"}, *ITEMS[1:]]}, {}, "{'spine_pinned': ('ok', 'fail')}"),
         ({"expected": SCRIPT.replace("item_4 ok", "item_4 warn")}, {}, "{'item_4': ('warn', 'ok')}"),
         ({"kernel": {"words": "6.1.0-56-rt-amd64"}}, {}, "it says of the kernel: '6.1.0-56-rt-amd64'"),

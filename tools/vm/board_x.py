@@ -17,7 +17,7 @@ NAMES = ("board_x.sh", "board_x_partition.sh", "board_x_one_core.sh")
 SCRIPT, PARTITION, ONE_CORE = (Path(__file__).with_name(name) for name in NAMES)
 CORES = "1,3"  # the robot's
 DOCTOR = ROOT / "tests/system/host/doctor_expected.sh"  # every item of the doctor once more, read by a shell script
-ITEMS = 37
+ITEMS = 39
 REFUSED = {"refused-plan": 2, "refused-shield": 1}  # steps that must end so
 # An interrupt that does not come is not moved away at run time: the kernel moves it when it comes.
 QUIET = "irqaffinity=0"

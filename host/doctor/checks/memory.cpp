@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Items 30 to 37: memory, and what takes it away.
+// Items 30 to 39: memory, and what takes it away.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdint>
 
 #include "host/doctor/item.hpp"
@@ -19,6 +20,7 @@ constexpr long long kAllUsers = 4294967295;     // a map of that many: no user n
 constexpr long long kNoLimitBytes = 1LL << 60;  // cgroup v1 writes "no limit" as a number above this
 constexpr std::size_t kMostFlagsBytes = std::size_t{2} << 20;
 constexpr long long kRarelySwaps = 10;
+constexpr long long kMostSamplers = 64;
 
 // A running Spine tells whether its memory is locked. Nothing when none runs, or when that is not known.
 std::optional<Finding> judge_running_spine(const Subject& subject, Notes& notes) {
@@ -213,6 +215,47 @@ Finding check_mitigations(const Subject&, Notes& notes) {
   return notes.say(State::not_applicable, "no effect once the Spine runs: leave it on");
 }
 
+// DAMON clears the mark "was accessed" of pages to see which are in use. The next access to such a page costs about
+// 100 us in a virtual machine with shadow paging, also when the page is locked.
+Finding check_page_sampling(const Subject& subject, Notes& notes) {
+  const std::string folder = fmt::format("{}/damon/admin/kdamonds", kKernelMemory);
+  if (has_no(subject, kKernelMemory, "damon"))
+    return notes.say(State::not_applicable, "this kernel cannot sample which pages are in use");
+  const std::optional<long long> count = notes.number(folder + "/nr_kdamonds");
+  if (!count) return notes.unread(folder + "/nr_kdamonds");
+  State state = State::ok;
+  for (long long i = 0; i < std::min(*count, kMostSamplers); ++i) {
+    const std::string is = notes.read(fmt::format("{}/{}/state", folder, i)).value;
+    state = worst({state, is == "off" ? State::ok : is == "on" ? State::warn : State::unknown});
+  }
+  for (const char* module : {"damon_reclaim", "damon_lru_sort"})
+    if (subject.files.read(fmt::format("/sys/module/{}/parameters/enabled", module)).value == "Y") {
+      notes.read(fmt::format("/sys/module/{}/parameters/enabled", module));
+      state = State::warn;
+    }
+  if (state == State::unknown) return notes.say(state, "it cannot be read whether the kernel samples memory");
+  return notes.say(state, state == State::ok ? "the kernel does not sample which pages are in use"
+                                             : "the kernel samples which pages are in use (DAMON)");
+}
+
+Finding check_memory_balloon(const Subject& subject, Notes& notes) {
+  constexpr std::size_t kReporting = 5;  // VIRTIO_BALLOON_F_REPORTING
+  const std::string drivers = "/sys/bus/virtio/drivers", driver = drivers + "/virtio_balloon";
+  if (has_no(subject, "/sys/bus", "virtio"))
+    return notes.say(State::not_applicable, "this machine has no virtio devices");
+  if (has_no(subject, drivers, "virtio_balloon")) return notes.say(State::ok, "no driver gives memory to a hypervisor");
+  if (!subject.files.is_folder(driver)) return notes.say(State::unknown, "{} cannot be read", driver);
+  for (const std::string& device : subject.files.list(driver)) {
+    if (!device.starts_with("virtio")) continue;
+    const std::string features = notes.read(fmt::format("{}/{}/features", driver, device)).value;
+    const bool reports = features.size() > kReporting && features[kReporting] == '1';
+    return notes.say(State::warn, "the hypervisor may take memory back ({}{})", device,
+                     reports ? ", which also gives it every free page" : "");
+  }
+  notes.add(driver, "no device");
+  return notes.say(State::ok, "no device gives memory to a hypervisor");
+}
+
 constexpr Item kMemoryItems[] = {
     {30, "memory_lock", "The Spine's memory is locked", "else a tick can wait for a page: microseconds, or a disk",
      "LimitMEMLOCK=infinity in the unit, or '* - memlock unlimited' in /etc/security/limits.d", kNow,
@@ -237,6 +280,13 @@ constexpr Item kMemoryItems[] = {
      "systemd: no MemoryHigh= and no MemoryMax= for the unit of lithe run", kNow, check_memory_limit},
     {37, "mitigations", "Address randomisation and mitigations",
      "they cost time at the start and at system calls; the tick makes none", "leave them on", kNow, check_mitigations},
+    {38, "page_sampling", "The kernel does not sample which pages are in use",
+     "the next access to a sampled page can take 100 us, also in locked memory",
+     "echo off > /sys/kernel/mm/damon/admin/kdamonds/0/state, for each folder there that is on", kNow,
+     check_page_sampling},
+    {39, "memory_balloon", "No hypervisor takes memory back",
+     "a page that was given back is missing at the next access, and the hypervisor then works on the Spine's core",
+     "give the virtual machine no balloon (libvirt: <memballoon model='none'/>)", kNow, check_memory_balloon},
 };
 
 }  // namespace

@@ -60,6 +60,8 @@ constexpr std::array kRows = {
     Row{"cache_partition", "wwwwnn"},
     Row{"memory_limit", "ooooow"},
     Row{"mitigations", "nnnnnn"},
+    Row{"page_sampling", "nnnnnn"},
+    Row{"memory_balloon", "uuuuuu"},
 };
 
 char letter(State state) { return "onuwf"[static_cast<std::size_t>(state)]; }
@@ -133,6 +135,32 @@ TEST(Machines, AJetsonHasItsPowerMode) {
   EXPECT_EQ(state_of("jetson_mode", root), State::warn);
   root.write("/var/lib/nvpmodel/status", "pmode:0000\n");
   EXPECT_EQ(state_of("jetson_mode", root), State::ok);
+}
+
+TEST(Machines, SamplingOfPagesIsSeenByEachOfItsFiles) {
+  const FakeRoot root;
+  put_desktop(root);
+  root.write("/sys/kernel/mm/damon/admin/kdamonds/nr_kdamonds", "2\n");
+  EXPECT_EQ(state_of("page_sampling", root), State::unknown) << "two, of which nothing can be read";
+  root.write("/sys/kernel/mm/damon/admin/kdamonds/0/state", "off\n");
+  root.write("/sys/kernel/mm/damon/admin/kdamonds/1/state", "off\n");
+  EXPECT_EQ(state_of("page_sampling", root), State::ok);
+  root.write("/sys/module/damon_reclaim/parameters/enabled", "Y\n");
+  EXPECT_EQ(state_of("page_sampling", root), State::warn);
+  root.write("/sys/module/damon_reclaim/parameters/enabled", "N\n");
+  root.write("/sys/kernel/mm/damon/admin/kdamonds/1/state", "on\n");
+  EXPECT_EQ(state_of("page_sampling", root), State::warn);
+}
+
+TEST(Machines, ABalloonIsOneThatADeviceHas) {
+  const FakeRoot root;
+  put_desktop(root);
+  root.write("/sys/bus/virtio/drivers/virtio_net/bind", "");
+  EXPECT_EQ(state_of("memory_balloon", root), State::ok) << "no driver";
+  root.write("/sys/bus/virtio/drivers/virtio_balloon/bind", "");
+  EXPECT_EQ(state_of("memory_balloon", root), State::ok) << "no device";
+  root.write("/sys/bus/virtio/drivers/virtio_balloon/virtio3/features", "0110000000\n");
+  EXPECT_EQ(state_of("memory_balloon", root), State::warn);
 }
 
 TEST(Machines, WhatOnlyAMeasurementTellsTurnsWithIt) {

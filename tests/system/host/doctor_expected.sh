@@ -293,7 +293,7 @@ else
   say jetson_mode "$([[ -r /var/lib/nvpmodel/status ]] && echo warn || echo unknown)"
 fi
 
-# 30-37
+# 30-39
 hard=$(ulimit -H -l) # in KiB
 capable=$((16#$(sed -n 's/^CapEff:\t//p' /proc/self/status) >> 14 & 1))
 read -r _ _ users </proc/self/uid_map
@@ -358,3 +358,26 @@ else
 fi
 say memory_limit $limit
 say mitigations not_applicable
+sampling=ok
+if [[ -d /sys/kernel/mm && ! -e /sys/kernel/mm/damon ]]; then
+  sampling=not_applicable
+elif [[ -z $(get /sys/kernel/mm/damon/admin/kdamonds/nr_kdamonds) ]]; then
+  sampling=unknown
+else
+  for file in /sys/kernel/mm/damon/admin/kdamonds/*/state; do
+    case $(get "$file") in
+      on) sampling=warn ;;
+      off) ;;
+      *) [[ ! -e $file || $sampling == warn ]] || sampling=unknown ;;
+    esac
+  done
+  grep -qsx Y /sys/module/damon_{reclaim,lru_sort}/parameters/enabled && sampling=warn
+fi
+say page_sampling $sampling
+if [[ ! -e /sys/bus/virtio ]]; then
+  say memory_balloon not_applicable
+elif compgen -G '/sys/bus/virtio/drivers/virtio_balloon/virtio*' >/dev/null; then
+  say memory_balloon warn
+else
+  say memory_balloon ok
+fi
