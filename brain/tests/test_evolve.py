@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import termios
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -94,8 +93,6 @@ def test_two_processes_find_the_same_winner(alone: dict[str, Any], tmp_path: Pat
 
 
 def test_a_dask_cluster_finds_the_same_winner(alone: dict[str, Any], tmp_path: Path) -> None:
-    if find_spec("distributed") is None:
-        pytest.skip("Dask is not installed: pip install distributed")
     assert search(tmp_path, "--seed", "7", "--dask", "--processes", "2") == alone
 
 

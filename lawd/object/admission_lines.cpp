@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <sstream>
 #include <vector>
 
@@ -36,14 +37,20 @@ bool is_library(const std::string& path) {
 
 }  // namespace
 
-// addr2line -f, innermost first: a line with the function, one with "path:line". The first line of the law is used.
+// addr2line -a -f: of each address a line with it, then pairs of lines, innermost first: the function, and "path:line".
+// The first line of the law is used. A compiler may give an instruction a line of the contract alone (g++ 14: the jump of
+// a loop that does nothing), so the addresses before it are looked at, too, the nearest first.
 nlohmann::json own_place(const std::string& program, std::uint64_t address, std::string_view section) {
-  std::vector<std::string> command = {"addr2line", "-i", "-f", "-C", "-e", program, fmt::format("{:#x}", address)};
+  constexpr std::uint64_t kBytesBefore = 32;
+  std::vector<std::string> command = {"addr2line", "-a", "-i", "-f", "-C", "-e", program};
   if (!section.empty()) command.insert(command.end(), {"-j", std::string(section)});
+  for (std::uint64_t back = 0; back <= std::min(address, kBytesBefore); ++back)
+    command.push_back(fmt::format("{:#x}", address - back));
   const Outcome told = run_program(command, Limits{5'000}, STDOUT_FILENO);
   if (!told.clean()) return refuse("locate", "addr2line does not run: install binutils");
   std::istringstream lines(told.output);
-  for (std::string function, place; std::getline(lines, function) && std::getline(lines, place);) {
+  for (std::string function, place; std::getline(lines, function);) {
+    if (function.starts_with("0x") || !std::getline(lines, place)) continue;
     const auto colon = place.rfind(':');
     if (colon == std::string::npos || is_library(place)) continue;
     if (const int line = leading_number<int>(std::string_view(place).substr(colon + 1)); line > 0)

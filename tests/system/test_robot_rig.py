@@ -86,7 +86,6 @@ COMPUTED = (  # the reason is computed there, and only there
     "test_vcan.py: pytest.skip(reason)",  # no QEMU, no kernel
     "booted.py: pytest.skip(reason)",  # the same
     "pypi.py: pytest.skip(str(why))",  # no network
-    "test_evolve.py: pytest.skip('Dask is not installed: pip install distributed')",  # 20 packages for one test
     "test_first_day.py: pytest.skip('no zsh here (Debian: apt-get install zsh)')",
     "simulated.py: pytest.skip(rig.log().strip().splitlines()[-1])",  # no MuJoCo
     # A kernel may refuse one to an ordinary user.
