@@ -38,8 +38,8 @@ bool is_library(const std::string& path) {
 }  // namespace
 
 // addr2line -a -f: of each address a line with it, then pairs of lines, innermost first: the function, and "path:line".
-// The first line of the law is used. A compiler may give an instruction a line of the contract alone (g++ 14: the jump of
-// a loop that does nothing), so the addresses before it are looked at, too, the nearest first.
+// The first line of the law is used. A compiler may give an instruction a line of the contract alone (g++ 14: the jump
+// of a loop that does nothing), so the addresses before it are looked at, too, the nearest first.
 nlohmann::json own_place(const std::string& program, std::uint64_t address, std::string_view section) {
   constexpr std::uint64_t kBytesBefore = 32;
   std::vector<std::string> command = {"addr2line", "-a", "-i", "-f", "-C", "-e", program};
