@@ -108,7 +108,11 @@ class Mailbox:
             time.sleep(LOOK_S)
             result = self._ask(kind, letter)
         if result == CommandResult.done:
-            return self._after_this_tick()
+            answer = self._after_this_tick()
+            if kind in (CommandKind.arm, CommandKind.hold) and answer["mode"] in ("safe_stop", "estop"):
+                stopped = f"{kind.name} was done, and the robot is in {answer['mode']} at once: {answer['fault']}"
+                raise Refused("refused_fault", stopped, _NEXT[CommandResult.refused_fault], answer)
+            return answer
         where = self._where()
         message = f"cannot {kind.name} in mode {where['mode']} with fault {where['fault']}: {result.name}"
         raise Refused(result.name, message, _NEXT.get(result, "build both from the same source"))

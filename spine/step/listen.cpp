@@ -91,15 +91,17 @@ Conditions ControlStep::conditions(const Input& in) const LITHE_RT {
   bool all_fresh = sample.sample_ns != 0 && stale_ticks_ <= kStaleTicksToArm;
   // The slew bound of the first torque starts at zero, so every drive must have got the "off" command.
   if (mode_.mode() == wire::Mode::disarmed) all_fresh = all_fresh && drives_.got_off();
-  bool homed = true, inside = true;
+  bool homed = true, inside = true, drive_fault = false;
   for (std::uint32_t j = 0; j < in_.joints; ++j) {
     if (mode_.law_runs() && guard_.stopped(j)) continue;  // other groups may continue
-    constexpr std::uint32_t kReady = wire::joint_status::kFresh;
-    all_fresh = all_fresh && (sample.status[j] & (kReady | wire::joint_status::kNotReady)) == kReady;
+    namespace bit = wire::joint_status;
+    constexpr std::uint32_t kReportsFault = bit::kFault | bit::kWatchdog;
+    drive_fault = drive_fault || (sample.status[j] & kReportsFault) != 0;
+    all_fresh = all_fresh && (sample.status[j] & (bit::kFresh | bit::kNotReady | kReportsFault)) == bit::kFresh;
     homed = homed && (!robot_.joints[j].must_be_homed || (sample.status[j] & wire::joint_status::kNotHomed) == 0);
     inside = inside && guard_.recovery().inside(j, sample.position_rad[j]);
   }
-  return {laws_.active() != nullptr, all_fresh, homed, in.estop_pressed, inside, memory_whole_};
+  return {laws_.active() != nullptr, all_fresh, drive_fault, homed, in.estop_pressed, inside, memory_whole_};
 }
 
 CommandResult ControlStep::change_mode(CommandKind kind, const Input& in) LITHE_RT {

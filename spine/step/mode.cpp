@@ -69,7 +69,8 @@ CommandResult ModeMachine::recover(const Conditions& conditions) LITHE_RT {
 
 CommandResult ModeMachine::reset(const Conditions& conditions) LITHE_RT {
   if (conditions.estop_pressed) return CommandResult::refused_estop;
-  if (fault_ == Fault::none) return CommandResult::refused_mode;
+  const bool of_drive = mode_ == Mode::disarmed && conditions.drive_fault;
+  if (fault_ == Fault::none && !of_drive) return CommandResult::refused_mode;
   mode_ = Mode::disarmed;
   fault_ = Fault::none;
   return CommandResult::done;

@@ -10,8 +10,9 @@ namespace lithe::step {
 // Conditions that decide a command's answer, besides the mode.
 struct Conditions {
   bool has_law = false;        // a law is resident and may step
-  bool sample_fresh = false;   // every joint answered in the last exchange, at most 3 ticks ago; if disarmed,
-                               // every drive was also sent "off"
+  bool sample_fresh = false;   // every joint answered in the last exchange, at most 3 ticks ago, and no drive reports a
+                               // fault; if disarmed, every drive was also sent "off"
+  bool drive_fault = false;    // a drive reports a fault
   bool homed = true;           // every joint that must be homed is
   bool estop_pressed = false;  // one of the sticky words is set
   bool inside = true;          // every joint is at most Recovery::kAtLimitRad beyond its position limits
@@ -23,7 +24,7 @@ struct Conditions {
 //   disarm   active, hold, recover, safe_stop -> disarmed
 //   fault    active, hold, recover -> safe_stop
 //   e-stop   any mode -> estop
-//   reset    wherever a fault is latched -> disarmed
+//   reset    wherever a fault is latched -> disarmed; also in disarmed while a drive reports a fault, to clear that
 //   recover  disarmed -> recover; also from a safe stop by position_limit, velocity_limit or recover_failed, so that a
 //            held joint does not have to be switched off first. Ends with disarm, a fault, or with arm once every joint
 //            is inside its limits.

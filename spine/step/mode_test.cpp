@@ -41,6 +41,20 @@ TEST(ModeMachine, AJointOutsideItsLimitsIsNotArmedAndRecoverIsTheWay) {
   EXPECT_EQ(machine.apply(CommandKind::recover, kReady), CommandResult::refused_mode) << "a law runs";
 }
 
+TEST(ModeMachine, AResetReachesADriveThatFailedWhileItWasOff) {
+  ModeMachine machine;
+  EXPECT_EQ(machine.apply(CommandKind::reset, kReady), CommandResult::refused_mode);
+  Conditions faulty = kReady;
+  faulty.sample_fresh = false;
+  faulty.drive_fault = true;
+  EXPECT_EQ(machine.apply(CommandKind::arm, faulty), CommandResult::refused_not_ready);
+  EXPECT_EQ(machine.apply(CommandKind::recover, faulty), CommandResult::refused_not_ready);
+  EXPECT_EQ(machine.apply(CommandKind::reset, faulty), CommandResult::done);
+  ModeMachine moves = armed();
+  EXPECT_EQ(moves.apply(CommandKind::reset, faulty), CommandResult::refused_mode);
+  EXPECT_EQ(moves.mode(), Mode::active);
+}
+
 TEST(ModeMachine, DamagedMemoryIsNoStateToMoveIn) {
   ModeMachine machine = armed();
   Conditions damaged = kReady;

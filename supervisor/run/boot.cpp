@@ -22,6 +22,7 @@
 #include "spine/robot/cores/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
 #include "supervisor/bus/plan/plan.hpp"
+#include "supervisor/bus/words.hpp"
 #include "supervisor/run/supervisor.hpp"
 
 namespace lithe::control {
@@ -213,7 +214,7 @@ void Supervisor::serve_spine(SpineLink link) {
   link_.emplace(std::move(link));
   // Request ids start at the monotonic time [us]: two supervisors of one boot never use the same id.
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
-  commands_.emplace(*link_, first_id, &config_, &drives_told_);
+  commands_.emplace(*link_, first_id, [this] { return DriveFacts{&config_, drives_told_, bus::drive_words}; });
   swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
                  CertificateFiles(records_of(config_.name)), first_id, config_);
   incidents_.emplace(incidents_of(config_.name), events_);

@@ -108,7 +108,14 @@ void Supervisor::arm() {
   if (!options_.arm) return;
   if (first_source_.empty())
     return spdlog::warn("not armed: {} names no law; swap one in, then: lithe arm", options_.config_path);
+  const std::int64_t brain_age_ns = link_->now().brain_age_ns;
+  const bool no_brain = brain_age_ns < 0 || brain_age_ns > std::llround(1e9 * config_.brain.stale_after_s);
+  if (no_brain && config_.brain.on_stale == robot::StaleAction::safe_stop) {
+    return spdlog::warn(
+        "not armed: it may move only while a Brain lives ([brain] on_stale = \"safe_stop\"); from there: robot.arm()");
+  }
   const std::int64_t deadline_ns = monotonic_ns() + arm_timeout_ns(config_);
+  std::string why = "its Spine does not answer";
   wire::Command command;
   command.kind = static_cast<std::uint32_t>(wire::CommandKind::arm);
   do {
@@ -118,13 +125,14 @@ void Supervisor::arm() {
     if (answer && refusal == nullptr) return;
     if (refusal != nullptr && refusal->code == "refused_outside")  // `recover` needs a running robot
       return spdlog::warn("not armed: {}; {}", refusal->message, refusal->next);
-    if (refusal != nullptr && refusal->code != "refused_not_ready")
-      throw Halt{3, fmt::format("the robot cannot be armed: {}; {}", refusal->message, refusal->next)};
+    if (refusal != nullptr) why = fmt::format("{}; {}", refusal->message, refusal->next);
+    // Drives come up one after the other, and may clear their faults by themselves.
+    const bool waits = static_cast<wire::Mode>(link_->now().mode) == wire::Mode::disarmed;
+    if (refusal != nullptr && !(waits && (refusal->code == "refused_not_ready" || refusal->code == "refused_fault")))
+      break;
     turn(10);
   } while (monotonic_ns() < deadline_ns);
-  throw Halt{3,
-             "the robot cannot be armed: not every drive answers or is set up as it must be; what is wrong with which "
-             "stands above, or check power, bus and ids in the robot file"};
+  throw Halt{3, fmt::format("the robot cannot be armed: {}. To have it run without torque: lithe run --no-arm", why)};
 }
 
 }  // namespace lithe::control

@@ -204,6 +204,26 @@ TEST_F(TickTest, ADriveThatHasNotSaidHowItIsSetIsNotArmed) {
   EXPECT_EQ(send(CommandKind::arm), CommandResult::done);
 }
 
+TEST_F(TickTest, ADriveThatReportsAFaultIsNotArmedAndAResetReachesIt) {
+  stage(kPd);
+  ticks(3);
+  const auto says = [this](std::uint32_t bits) {
+    tick(false);
+    handover_.sample().status[0] |= bits;
+    handover_.finish();
+  };
+  for (const std::uint32_t bits : {wire::joint_status::kFault, wire::joint_status::kWatchdog}) {
+    EXPECT_EQ(send(CommandKind::reset), CommandResult::refused_mode);
+    says(bits);
+    EXPECT_EQ(send(CommandKind::arm), CommandResult::refused_not_ready);
+    EXPECT_EQ(mode(), Mode::disarmed);
+    says(bits);
+    EXPECT_EQ(send(CommandKind::reset), CommandResult::done);
+    EXPECT_TRUE(sent_.clear_faults);
+  }
+  EXPECT_EQ(send(CommandKind::arm), CommandResult::done);
+}
+
 TEST_F(TickTest, AnEstopLeavesLimpDrivesOffAndDampsTheOthers) {
   stage(kPd);
   ticks(3);

@@ -61,6 +61,36 @@ TEST_F(MotionTest, JogCountsFromTheSetpoint) {
   EXPECT_NEAR(std::get<Move>(planned).to_rad, 6 * kRad, 1e-12);
 }
 
+TEST_F(MotionTest, AJointThatStandsStillHasNotArrivedAndOneWithItsOldErrorHas) {
+  Move move;
+  move.joint = 1;
+  move.to_rad = 1;
+  EXPECT_TRUE(has_arrived(move, 1));
+  EXPECT_TRUE(has_arrived(move, 0.91)) << "within a tenth of the way";
+  EXPECT_FALSE(has_arrived(move, 0.89));
+  EXPECT_FALSE(has_arrived(move, 1.11));
+  EXPECT_FALSE(has_arrived(move, std::nan("")));
+  move.at_rad = -0.2;  // the law sags
+  EXPECT_TRUE(has_arrived(move, 0.8)) << "it went the whole way, and sags as before";
+  EXPECT_FALSE(has_arrived(move, 0.6));
+  move.from_rad = 60 * kRad;
+  move.to_rad = 61 * kRad;
+  move.at_rad = 30 * kRad;  // against a stop
+  EXPECT_FALSE(has_arrived(move, 28.9 * kRad));
+  move.to_rad = 30 * kRad;
+  EXPECT_TRUE(has_arrived(move, 30 * kRad)) << "the setpoint came to the joint";
+  move.to_rad = 64 * kRad;
+  ASSERT_FALSE(has_arrived(move, 30 * kRad));
+  now_->position_rad[1] = 30 * kRad;
+  now_->command_torque_nm[1] = 1.96;
+  info_->torque_max_nm[1] = 2;
+  const Refusal why = not_arrived(move, *info_, *now_);
+  EXPECT_EQ(why.code, "not_arrived");
+  for (const char* part : {"elbow", "at 30.00 deg", "target is 64.00 deg", "1.960 N m of 2 N m"})
+    EXPECT_NE(why.message.find(part), std::string::npos) << why.message;
+  EXPECT_NE(why.next.find("at the limit"), std::string::npos);
+}
+
 TEST_F(MotionTest, WhatCannotBeIsRefusedWithJointValueAndLimit) {
   const std::string range = refused({"elbow", 91, false, 5.0}, "refused_range");
   EXPECT_NE(range.find("elbow to 91.00 deg: its limits are -90.00 to 90.00 deg"), std::string::npos) << range;

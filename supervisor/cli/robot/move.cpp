@@ -62,9 +62,11 @@ void must_not_stop(const std::string& name, const wire::RobotInfo& info) {
                 "first); robot.go_to(...); or set on_stale = \"hold\""};
 }
 
-// Waits until the joint has come to rest at the target, and sends heartbeats.
-void follow(View& view, const Brain& brain, const wire::Plan& plan, const wire::RobotInfo& info, wire::Telemetry& now) {
+// Waits until the joint has arrived at the target, and sends heartbeats.
+void follow(View& view, const Brain& brain, const Move& move, const wire::RobotInfo& info, wire::Telemetry& now) {
+  const wire::Plan& plan = move.plan;
   const std::int64_t until_ns = plan.t_ns[0] + kSettleNs;
+  bool ended = false;
   while (monotonic_ns() < until_ns) {
     std::atomic_ref<std::int64_t>(brain->header.heartbeat_ns).store(monotonic_ns(), std::memory_order_release);
     for (wire::Event event; view.events.next(event);) {
@@ -86,9 +88,11 @@ void follow(View& view, const Brain& brain, const wire::Plan& plan, const wire::
           "see why: lithe status, lithe events"};
     }
     const bool rests = now.plan_state == static_cast<std::uint32_t>(wire::PlanState::hold);
-    if (now.plan_id == plan.plan_id && rests && monotonic_ns() > plan.t_ns[0]) return;
+    ended = now.plan_id == plan.plan_id && rests && monotonic_ns() > plan.t_ns[0];
+    if (ended && has_arrived(move, now.position_rad[move.joint])) return;
     std::this_thread::sleep_for(kLookEvery);
   }
+  if (ended) throw not_arrived(move, info, now);
   throw Refusal{"timeout", "the Spine has not come to the end of the move in time", "see what it does: lithe status"};
 }
 
@@ -117,7 +121,7 @@ Json go(const std::string& robot, const Motion& motion) {
   const Move move = value_of(plan_motion(motion, info, now, monotonic_ns()));
   ipc::sign_in((*brain)->header, monotonic_ns());
   ipc::ChannelWriter<wire::Plan>((*brain)->plan).write(move.plan);
-  follow(view, *brain, move.plan, info, now);
+  follow(view, *brain, move, info, now);
   return Json{{"robot", robot},
               {"joint", motion.joint},
               {"from_rad", move.from_rad},
@@ -184,7 +188,30 @@ std::optional<Refusal> beyond(const Motion& motion, const Move& move, const wire
       least_s <= kMostS ? fmt::format("more time: --in {:g}s", least_s) : "in two moves"};
 }
 
+// What a law without an integral part may leave: a tenth of the way, at least 1 deg.
+double allowance_rad(const Move& move) { return std::max(0.1 * std::abs(move.to_rad - move.from_rad), 1 / kDegPerRad); }
+
 }  // namespace
+
+bool has_arrived(const Move& move, double position_rad) {
+  const double missing_rad = move.to_rad - position_rad;
+  const double lag_rad = move.from_rad - move.at_rad;  // that the law left already before the move
+  return std::min(std::abs(missing_rad), std::abs(missing_rad - lag_rad)) <= allowance_rad(move);
+}
+
+Refusal not_arrived(const Move& move, const wire::RobotInfo& info, const wire::Telemetry& now) {
+  const std::size_t j = move.joint;
+  const double torque_nm = now.command_torque_nm[j], most_nm = info.torque_max_nm[j];
+  return {
+      "not_arrived",
+      fmt::format("{} has not arrived: it is at {:.2f} deg, its target is {:.2f} deg (allowed: {:.2f} deg); it moves "
+                  "at {:.2f} deg/s, and its drive is asked for {:.3f} N m of {:g} N m",
+                  control::joint_name(info, j), now.position_rad[j] * kDegPerRad, move.to_rad * kDegPerRad,
+                  allowance_rad(move) * kDegPerRad, now.velocity_rad_s[j] * kDegPerRad, torque_nm, most_nm),
+      std::abs(torque_nm) > 0.9 * most_nm
+          ? "its torque is at the limit: look for a stop or a load, or move back: lithe move"
+          : "look for a stop or a load, or give the law more stiffness (lithe param get); or move back: lithe move"};
+}
 
 std::variant<Move, Refusal> plan_motion(const Motion& motion, const wire::RobotInfo& info, const wire::Telemetry& now,
                                         std::int64_t now_ns) {
@@ -198,6 +225,7 @@ std::variant<Move, Refusal> plan_motion(const Motion& motion, const wire::RobotI
   Move move;
   move.joint = std::get<std::size_t>(joint);
   move.from_rad = now.setpoint_position_rad[move.joint];
+  move.at_rad = now.position_rad[move.joint];
   move.to_rad = motion.angle_deg / kDegPerRad + (motion.relative ? move.from_rad : 0.0);
   if (auto refused = beyond(motion, move, info)) return *refused;
   wire::Plan& plan = move.plan;

@@ -65,17 +65,66 @@ Refusal refused_by_estop(CommandKind kind) {
                                       : "when it is safe: lithe reset, then lithe arm"};
 }
 
-bool stopped_by_its_law(const wire::Telemetry& now) {
-  const auto fault = static_cast<wire::Fault>(now.fault);
-  return static_cast<wire::Mode>(now.mode) == wire::Mode::safe_stop &&
-         (fault == wire::Fault::law_faulted || fault == wire::Fault::law_not_finite);
+constexpr std::uint32_t kReportsFault = wire::joint_status::kFault | wire::joint_status::kWatchdog;
+
+// What the Spine said last of this drive: "drive 'knee_drive': REASON; drive 'toe_drive': REASON".
+std::string told_of(std::string_view drives_told, std::string_view drive) {
+  const std::string head = fmt::format("drive '{}': ", drive);
+  const std::size_t at = drives_told.find(head);
+  if (at == std::string_view::npos) return "";
+  std::string_view told = drives_told.substr(at + head.size());
+  for (const std::string_view other : {"; drive '", "; device '", "; bus '"}) told = told.substr(0, told.find(other));
+  return std::string(told);
 }
 
-// The law failed in the very tick that armed: to reset and arm again will end in the same way.
-Refusal stopped_at_once(wire::Fault fault) {
+const robot::DeviceConfig* drive_of(const DriveFacts& drives, std::size_t joint) {
+  const robot::RobotConfig* robot = drives.robot;
+  if (robot == nullptr || joint >= robot->joints.size()) return nullptr;
+  const std::size_t device = robot->joints[joint].device;
+  return device < robot->devices.size() ? &robot->devices[device] : nullptr;
+}
+
+// What is known of the joint's drive: what it reports itself, and our driver's reason. Empty: nothing.
+std::string said_of(const DriveFacts& drives, std::size_t joint, std::uint32_t status) {
+  const robot::DeviceConfig* drive = drive_of(drives, joint);
+  if (drive == nullptr) return "";
+  std::string told = told_of(drives.told, drive->name);
+  if ((status & kReportsFault) == 0 || drives.words == nullptr) return told;
+  return fmt::format("its drive reports {}{}{}", drives.words(drive->kind, status), told.empty() ? "" : "; ", told);
+}
+
+// The command was done, and the robot has stopped by the time that the effect can be seen.
+bool has_stopped(CommandKind kind, const wire::Telemetry& now) {
+  const bool moves = kind == CommandKind::arm || kind == CommandKind::hold || kind == CommandKind::recover;
+  const auto mode = static_cast<wire::Mode>(now.mode);
+  return moves && (mode == wire::Mode::safe_stop || mode == wire::Mode::estop);
+}
+
+bool all_driven(const wire::Telemetry& now) {
+  const auto joints = std::min<std::size_t>(now.joint_count, wire::kNj);
+  return std::ranges::all_of(now.drive_state.begin(), now.drive_state.begin() + joints, [](std::uint32_t state) {
+    return static_cast<wire::DriveState>(state) == wire::DriveState::driven;
+  });
+}
+
+Refusal stopped_at_once(CommandKind kind, const wire::Telemetry& now, const wire::RobotInfo& info,
+                        const DriveFacts& drives) {
+  const auto fault = static_cast<wire::Fault>(now.fault);
+  std::string joints;
+  for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
+    const auto own = static_cast<wire::Fault>(now.joint_fault[j]);
+    if (own == wire::Fault::none) continue;
+    const std::string said = said_of(drives, j, now.joint_status[j]);
+    joints += fmt::format("; joint {}: {}{}", joint_name(info, j), to_string(own), said.empty() ? "" : ", " + said);
+  }
+  const bool of_law = fault == wire::Fault::law_faulted || fault == wire::Fault::law_not_finite;
+  const auto mode = static_cast<wire::Mode>(now.mode);
   return {std::string(to_string(CommandResult::refused_fault)),
-          fmt::format("armed, and in safe_stop at once: {}", to_string(fault)),
-          "if its law fails in every first tick, put another in: lithe swap hold; then lithe reset, lithe arm"};
+          fmt::format("{} was done, and the robot is in {} at once: {}{}", to_string(kind), to_string(mode),
+                      to_string(fault), joints),
+          of_law ? "if its law fails in every first tick, put another in: lithe swap hold; then lithe reset, lithe arm"
+                 : way_to_active(mode, fault),
+          {{"mode", std::string(to_string(mode))}, {"fault", std::string(to_string(fault))}, {"tick", now.tick}}};
 }
 
 Refusal refused_by_law(CommandKind kind) {
@@ -112,43 +161,37 @@ Refusal refused_outside(CommandKind kind, const wire::Telemetry& now, const wire
 constexpr robot::Advice kNotSetUp{"is not set up as a command would need it; the log says what to set", ""};
 constexpr std::string_view kTryAgain = "try again; lithe status names the joints that are stale";
 
-// What the Spine said last of this drive: "drive 'knee_drive': REASON; drive 'toe_drive': REASON".
-std::string told_of(std::string_view drives_told, std::string_view drive) {
-  const std::string head = fmt::format("drive '{}': ", drive);
-  const std::size_t at = drives_told.find(head);
-  if (at == std::string_view::npos) return "";
-  std::string_view told = drives_told.substr(at + head.size());
-  for (const std::string_view other : {"; drive '", "; device '", "; bus '"}) told = told.substr(0, told.find(other));
-  return std::string(told);
-}
-
 // What keeps a joint from being armed, and the next step; no text = nothing.
 robot::Advice why_not_ready(std::uint32_t status, const robot::DeviceConfig* drive) {
   if ((status & wire::joint_status::kFresh) == 0) return {"does not answer, or is being set up", ""};
-  if ((status & wire::joint_status::kNotReady) == 0) return {};
+  if ((status & wire::joint_status::kNotReady) == 0) {
+    if ((status & kReportsFault) == 0) return {};
+    return {"reports a fault", "find its cause (lithe status); when it is over: lithe reset, then lithe arm"};
+  }
   const robot::Advice own = drive != nullptr ? robot::facts(drive->kind).not_ready : robot::Advice{};
   return own.text.empty() ? kNotSetUp : own;
 }
 
 // Names the joints and their drives. None: it was one late sample.
 Refusal refused_not_ready(CommandKind kind, const wire::Telemetry& now, const wire::RobotInfo& info,
-                          const robot::RobotConfig* robot, std::string_view drives_told) {
+                          const DriveFacts& drives) {
   std::string joints;
   std::string_view next;
+  bool fault = false;
   for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
-    const robot::DeviceConfig* drive = nullptr;
-    if (robot != nullptr && j < robot->joints.size() && robot->joints[j].device < robot->devices.size())
-      drive = &robot->devices[robot->joints[j].device];
-    const robot::Advice why = why_not_ready(now.joint_status[j], drive);
+    const std::uint32_t status = now.joint_status[j];
+    const robot::DeviceConfig* drive = drive_of(drives, j);
+    const robot::Advice why = why_not_ready(status, drive);
     if (why.text.empty()) continue;
-    const std::string told =
-        drive != nullptr && why.text == kNotSetUp.text ? told_of(drives_told, drive->name) : std::string();
-    if (next.empty()) next = told.empty() ? why.next : "when that is done: lithe arm";
+    const bool reports = (status & kReportsFault) != 0;
+    const std::string told = said_of(drives, j, status);
+    fault = fault || reports;
+    if (next.empty()) next = told.empty() || reports ? why.next : "when that is done: lithe arm";
     joints += fmt::format("{}joint {}{}{}", joints.empty() ? ": " : "; ", joint_name(info, j),
                           drive != nullptr ? fmt::format(" (drive {})", drive->name) : "",
                           told.empty() ? fmt::format(" {}", why.text) : ": " + told);
   }
-  return {std::string(to_string(CommandResult::refused_not_ready)),
+  return {std::string(to_string(fault ? CommandResult::refused_fault : CommandResult::refused_not_ready)),
           fmt::format("cannot {}: not every drive is ready{}", to_string(kind), joints),
           std::string(next.empty() ? kTryAgain : next)};
 }
@@ -179,7 +222,7 @@ bool tells_drives(std::string_view line) {
 }
 
 Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry& now, const wire::RobotInfo& info,
-                   const robot::RobotConfig* robot, std::string_view drives_told) {
+                   const DriveFacts& drives) {
   const std::string code(to_string(result));
   const auto mode = static_cast<wire::Mode>(now.mode);
   const auto fault = static_cast<wire::Fault>(now.fault);
@@ -196,9 +239,9 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
     case CommandResult::refused_range:
       return {code, "a parameter is outside its range or does not exist", "see the ranges: lithe param get"};
     case CommandResult::refused_not_ready:
-      return refused_not_ready(kind, now, info, robot, drives_told);
+      return refused_not_ready(kind, now, info, drives);
     case CommandResult::refused_not_homed:
-      return refused_not_homed(kind, now, info, robot);
+      return refused_not_homed(kind, now, info, drives.robot);
     case CommandResult::refused_damaged:
       return {code, fmt::format("cannot {}: memory of the Spine that must not change has changed", to_string(kind)),
               kNewStart};
@@ -320,15 +363,16 @@ void Commands::serve(std::int64_t now_ns) {
                   fmt::format("{} is not confirmed: no answer within 2 s; it may still take effect", to_string(kind)),
                   "see what the robot does: lithe status"});
     } else if (result != CommandResult::done) {
-      each.callback(refusal_of(kind, result, now, spine_.info(), robot_,
-                               drives_told_ != nullptr ? std::string_view(*drives_told_) : ""));
+      each.callback(refusal_of(kind, result, now, spine_.info(), drives_ ? drives_() : DriveFacts{}));
     } else if (each.seen_at_tick == 0) {
       each.seen_at_tick = now.tick + 1;  // the tick that handled the command publishes its record after its answer
       pending_.push_back(std::move(each));
     } else if (now.tick < each.seen_at_tick && in_time) {
       pending_.push_back(std::move(each));
-    } else if (kind == CommandKind::arm && stopped_by_its_law(now)) {
-      each.callback(stopped_at_once(static_cast<wire::Fault>(now.fault)));
+    } else if (has_stopped(kind, now)) {
+      each.callback(stopped_at_once(kind, now, spine_.info(), drives_ ? drives_() : DriveFacts{}));
+    } else if (kind == CommandKind::arm && !all_driven(now) && now_ns - each.sent_ns < kDrivenNs) {
+      pending_.push_back(std::move(each));
     } else {
       each.callback(result_json(now));
     }

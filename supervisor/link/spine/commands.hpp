@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <variant>
 
 #include "spine/robot/config.hpp"
@@ -20,11 +21,16 @@ namespace lithe::control {
 // Whether this line of the Spine's log says what is wrong with buses and drives, or that nothing is.
 bool tells_drives(std::string_view line);
 
-// The Spine's refusal as a sentence, with the next step. `robot`, if given, tells the drives behind the joints;
-// `drives_told` is the last line that tells_drives().
+// What is known of the drives behind the joints, for the words of refusals.
+struct DriveFacts {
+  const robot::RobotConfig* robot = nullptr;
+  std::string_view told{};  // the last line that tells_drives()
+  std::string (*words)(robot::DeviceKind kind, std::uint32_t joint_status) = nullptr;  // what the drive reports
+};
+
+// The Spine's refusal as a sentence, with the next step. A drive that reports a fault makes it `refused_fault`.
 Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
-                   const wire::RobotInfo& info = {}, const robot::RobotConfig* robot = nullptr,
-                   std::string_view drives_told = {});
+                   const wire::RobotInfo& info = {}, const DriveFacts& drives = {});
 
 // The first joint of a refused plan that is beyond its limit, with value and limit; empty when the reason is another.
 std::string beyond_limits(const wire::Plan& plan, wire::PlanReject reason, const wire::RobotInfo& info);
@@ -37,14 +43,14 @@ class Commands {
  public:
   using Callback = std::function<void(const Answer&)>;
   static constexpr std::int64_t kTimeoutNs = 2'000'000'000;
-  // An `arm` that is refused because of one late sample is sent again for this long: on a busy machine commands often
-  // arrive in a tick whose sample is late. A `disarm` or `estop` that was sent after it ends that.
+  // An `arm` that is refused because of one late sample, or a fault that its drive has just cleared, is sent again for
+  // this long. A `disarm` or `estop` that was sent after it ends that.
   static constexpr std::int64_t kArmAgainNs = 200'000'000;
+  // `arm` is answered when every drive has torque, or after this time: some drives fail only then.
+  static constexpr std::int64_t kDrivenNs = 500'000'000;
 
-  // `robot`, `drives_told`: outlive it; for the words of refusals.
-  Commands(SpineLink& spine, std::uint64_t first_request_id, const robot::RobotConfig* robot = nullptr,
-           const std::string* drives_told = nullptr)
-      : spine_(spine), next_id_(first_request_id), robot_(robot), drives_told_(drives_told) {}
+  Commands(SpineLink& spine, std::uint64_t first_request_id, std::function<DriveFacts()> drives = {})
+      : spine_(spine), next_id_(first_request_id), drives_(std::move(drives)) {}
 
   // Returns the request id that the events carry; 0 = refused at once.
   std::uint64_t send(wire::Command command, Callback callback, std::int64_t now_ns);
@@ -69,8 +75,7 @@ class Commands {
   std::uint64_t next_id_;
   std::uint64_t newest_stop_ = 0;  // request id of the last `disarm` or `estop`
   std::optional<Refusal> closed_;
-  const robot::RobotConfig* robot_;
-  const std::string* drives_told_;
+  std::function<DriveFacts()> drives_;
   std::deque<Pending> pending_;
 };
 

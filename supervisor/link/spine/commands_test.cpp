@@ -131,7 +131,7 @@ TEST(RefusalOf, NamesTheJointTheDriveAndWhyItIsNotReady) {
   wire::Telemetry now = in_mode(Mode::disarmed);
   now.joint_count = 3;
   now.joint_status[0] = bit::kFresh;
-  now.joint_status[1] = bit::kFresh | bit::kNotReady | bit::kFault;
+  now.joint_status[1] = bit::kFresh | bit::kNotReady;
   wire::RobotInfo info{};
   std::copy_n("hip", 3, info.joint_name.begin());
   std::copy_n("knee", 4, info.joint_name.begin() + 32);
@@ -141,13 +141,40 @@ TEST(RefusalOf, NamesTheJointTheDriveAndWhyItIsNotReady) {
     robot.devices.push_back({.name = "drive" + std::to_string(j), .kind = robot::DeviceKind::cia402});
     robot.joints.emplace_back().device = j;
   }
-  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, &robot);
+  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, {&robot});
   EXPECT_EQ(
       refusal.message,
       "cannot arm: not every drive is ready: joint knee (drive drive1) has no heartbeat (1017h); joint toe (drive "
       "drive2) does not answer, or is being set up");
   EXPECT_NE(refusal.next.find("its power and cable"), std::string::npos);
   EXPECT_NE(refusal.next.find("lithe arm"), std::string::npos);
+}
+
+TEST(RefusalOf, ADriveThatReportsAFaultIsAFaultOfTheRobotInTheDrivesWords) {
+  namespace bit = wire::joint_status;
+  wire::Telemetry now = in_mode(Mode::disarmed);
+  now.joint_count = 1;
+  wire::RobotInfo info{};
+  std::copy_n("hip", 3, info.joint_name.begin());
+  robot::RobotConfig robot;
+  robot.devices.push_back({.name = "drive0", .kind = robot::DeviceKind::cia402});
+  robot.joints.emplace_back().device = 0;
+  const auto words = [](robot::DeviceKind, std::uint32_t status) {
+    return "fault " + std::to_string(status >> 8 & 0xff);
+  };
+  for (const std::uint32_t reports : {bit::kFault, bit::kWatchdog}) {
+    now.joint_status[0] = bit::kFresh | reports | 7U << 8;
+    const Refusal own = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, {&robot, "", words});
+    EXPECT_EQ(own.code, "refused_fault");
+    EXPECT_EQ(own.message, "cannot arm: not every drive is ready: joint hip (drive drive0): its drive reports fault 7");
+    EXPECT_NE(own.next.find("lithe reset"), std::string::npos) << own.next;
+    const DriveFacts told{&robot, "lithe-spine: drive 'drive0': 606Ch is wrong", words};
+    const Refusal ours = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, told);
+    EXPECT_EQ(
+        ours.message,
+        "cannot arm: not every drive is ready: joint hip (drive drive0): its drive reports fault 7; 606Ch is wrong");
+    EXPECT_NE(ours.next.find("lithe reset"), std::string::npos) << ours.next;
+  }
 }
 
 TEST(RefusalOf, NamesTheJointsThatAreNotHomed) {
@@ -161,11 +188,11 @@ TEST(RefusalOf, NamesTheJointsThatAreNotHomed) {
   robot::RobotConfig robot;
   robot.joints.resize(3);
   robot.joints[1].must_be_homed = robot.joints[2].must_be_homed = true;
-  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_homed, now, info, &robot);
+  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_homed, now, info, {&robot});
   EXPECT_EQ(refusal.message, "cannot arm: a joint with must_be_homed does not know in which turn it is: joint toe");
   EXPECT_EQ(refusal.next, "home it, then: lithe arm");
   now.joint_status[2] = 0;
-  const Refusal late = refusal_of(CommandKind::arm, CommandResult::refused_not_homed, now, info, &robot);
+  const Refusal late = refusal_of(CommandKind::arm, CommandResult::refused_not_homed, now, info, {&robot});
   EXPECT_EQ(late.next, "try again; lithe status names the joints that are stale") << "homed since";
 }
 
@@ -186,7 +213,7 @@ TEST(RefusalOf, SaysWhatTheSpineToldOfADriveThatIsNotReady) {
       "lithe-spine: bus 'can0': down; drive 'drive1': servo.timeout_mode is 10: it would go on; set it to 12; "
       "device 'drive1x': silent";
   ASSERT_TRUE(tells_drives(line));
-  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, &robot, line);
+  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, {&robot, line});
   EXPECT_EQ(refusal.message,
             "cannot arm: not every drive is ready: joint hip (drive drive0) is not set up as a command would need it; "
             "the log says what to set; joint knee (drive drive1): servo.timeout_mode is 10: it would go on; set it to "
@@ -278,14 +305,28 @@ TEST_F(CommandsTest, AnArmThatIsSentAgainDoesNotOutliveTheDisarmAfterIt) {
   }
 }
 
-TEST_F(CommandsTest, AnArmWhoseLawFailsInItsFirstTickIsNoSuccess) {
+TEST_F(CommandsTest, ACommandThatEndsInAStopAtOnceIsNoSuccess) {
+  struct Case {
+    CommandKind kind;
+    Mode mode;
+    Fault fault;
+    bool refused;
+  };
+  std::vector<Case> cases = {{CommandKind::arm, Mode::active, Fault::none, false},
+                             {CommandKind::arm, Mode::active, Fault::drive_lost, false},  // of another group
+                             {CommandKind::disarm, Mode::disarmed, Fault::drive_fault, false},
+                             {CommandKind::estop, Mode::estop, Fault::estop_pressed, false},
+                             {CommandKind::arm, Mode::estop, Fault::estop_pressed, true}};
+  for (const Fault fault : {Fault::law_faulted, Fault::brain_stale, Fault::law_not_finite, Fault::drive_fault,
+                            Fault::velocity_limit, Fault::sample_stale})
+    for (const CommandKind kind : {CommandKind::arm, CommandKind::hold, CommandKind::recover})
+      cases.push_back({kind, Mode::safe_stop, fault, true});
   std::uint64_t tick = 0;
-  for (const Fault fault : {Fault::none, Fault::law_faulted, Fault::brain_stale, Fault::law_not_finite}) {
-    const Mode mode = fault == Fault::none ? Mode::active : Mode::safe_stop;
+  for (const auto& [kind, mode, fault, refused] : cases) {
     const bool of_its_law = fault == Fault::law_faulted || fault == Fault::law_not_finite;
     Commands commands(*link_, 1);
     std::optional<Answer> answer;
-    commands.send(of(CommandKind::arm), [&answer](const Answer& got) { answer = got; }, 0);
+    commands.send(of(kind), [&answer](const Answer& got) { answer = got; }, 0);
     ASSERT_TRUE(receive_and_answer(CommandResult::done));
     commands.serve(1);
     wire::Telemetry now = in_mode(mode, fault);
@@ -293,11 +334,36 @@ TEST_F(CommandsTest, AnArmWhoseLawFailsInItsFirstTickIsNoSuccess) {
     ipc::RingWriter(spine_->telemetry).push(now);
     commands.serve(2);
     ASSERT_TRUE(answer);
-    ASSERT_EQ(std::holds_alternative<Refusal>(*answer), of_its_law) << to_string(fault);
-    if (of_its_law) {
-      EXPECT_NE(std::get<Refusal>(*answer).message.find(to_string(fault)), std::string::npos);
-      EXPECT_NE(std::get<Refusal>(*answer).next.find("lithe swap"), std::string::npos);
+    ASSERT_EQ(std::holds_alternative<Refusal>(*answer), refused) << to_string(kind) << ' ' << to_string(fault);
+    if (!refused) continue;
+    const Refusal& why = std::get<Refusal>(*answer);
+    EXPECT_EQ(why.code, "refused_fault") << "exit code 3";
+    EXPECT_NE(why.message.find(to_string(fault)), std::string::npos);
+    EXPECT_EQ(why.detail["fault"], to_string(fault));
+    EXPECT_EQ(why.next.find("lithe swap") != std::string::npos, of_its_law) << why.next;
+  }
+}
+
+TEST_F(CommandsTest, AnArmIsAnsweredWhenEveryDriveHasTorqueOrIsStillWithoutItAfterAWhile) {
+  for (const bool driven : {true, false}) {
+    Commands commands(*link_, 1);
+    std::optional<Answer> answer;
+    commands.send(of(CommandKind::arm), [&answer](const Answer& got) { answer = got; }, 0);
+    ASSERT_TRUE(receive_and_answer(CommandResult::done));
+    commands.serve(1);
+    wire::Telemetry now = in_mode(Mode::active);
+    now.tick = driven ? 10 : 20;
+    now.joint_count = 1;
+    now.drive_state[0] = static_cast<std::uint32_t>(wire::DriveState::enabling);
+    ipc::RingWriter(spine_->telemetry).push(now);
+    commands.serve(Commands::kDrivenNs - 1);
+    ASSERT_FALSE(answer);
+    if (driven) {
+      now.drive_state[0] = static_cast<std::uint32_t>(wire::DriveState::driven);
+      ipc::RingWriter(spine_->telemetry).push(now);
     }
+    commands.serve(Commands::kDrivenNs - (driven ? 1 : 0));
+    ASSERT_TRUE(answer && std::holds_alternative<Json>(*answer));
   }
 }
 

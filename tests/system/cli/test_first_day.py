@@ -70,6 +70,9 @@ def test_a_joint_is_moved_and_jogged_by_hand(arm: RobotRig) -> None:
     assert fast["code"] == "refused_range" and "more time: --in" in fast["next"]
     assert rig.ask("move", joint[:-1] + "x", "1", code=1)["error"]["code"] == "unknown_joint"
     assert rig.ask("move", joint, "1", "--in", "60s", code=2)["error"]["code"] == "usage"
+    rig.ask("swap", ROOT / "laws/hold.cpp", "--probation", "0")  # follows no setpoint
+    stays = rig.ask("move", joint, "30", "--in", "1s", code=1)["error"]
+    assert stays["code"] == "not_arrived" and "its target is 30.00 deg" in stays["message"], stays
     rig.ask("disarm")
     assert rig.ask("move", joint, "1", code=1)["error"]["code"] == "refused_mode"
 
@@ -147,8 +150,9 @@ def test_a_robot_that_stops_without_its_brain_is_moved_by_one_that_stays(rig: Ro
     alone = rig.ask("move", joint, "5", code=1)["error"]
     assert alone["code"] == "refused_brain" and 'on_stale = "safe_stop"' in alone["message"], alone
     assert "armed only while a Brain lives" in alone["message"] and "robot.go_to" in alone["next"]
-    rig.ask("arm")
-    rig.wait_for(lambda: rig.ask("status")["fault"] == "brain_stale")
+    stopped = rig.ask("arm", code=3)["error"]
+    assert stopped["code"] == "refused_fault" and stopped["detail"]["fault"] == "brain_stale", stopped
+    assert rig.ask("status")["mode"] == "safe_stop"
     assert rig.ask("jog", joint, "5", code=1)["error"]["code"] == "refused_brain", "not: reset and arm it"
     env = rig.env | {"PYTHONPATH": str(ROOT / "brain")}
     pipe = subprocess.PIPE
