@@ -24,6 +24,7 @@ from .errors import Refused, ShmError
 from .shm import BrainWriter, SpineView, dtype, shm_path
 
 ANSWER_S = 2.0  # as long as a supervisor waits
+BRAKING_S = 4.0  # likewise, for a joint to come to rest before the drives are off
 # What a moment may mend: drives that were off a moment ago; a supervisor that has just died, whose last sign of life
 # the Spine trusts for 1 s.
 AGAIN_S = {
@@ -92,7 +93,9 @@ class Mailbox:
             return self._set_params(**args)
         if verb == "rollback":
             return self._rollback(**args)
-        answer = self._deliver(CommandKind[verb])
+        answer = self._deliver(CommandKind[verb], 1 if args.get("now") else 0)
+        if verb in ("disarm", "reset"):
+            return self._off(answer)
         return params_of(self._spine) if verb == "revert_params" else answer
 
     def _deliver(
@@ -146,6 +149,14 @@ class Mailbox:
         while (now := self._where())["tick"] <= first["tick"] and time.monotonic() < until:
             time.sleep(LOOK_S)
         return now
+
+    def _off(self, answer: dict[str, Any]) -> dict[str, Any]:
+        """Once the Spine has braked a joint that moved."""
+        from_s = time.monotonic()
+        while answer["mode"] == Mode.safe_stop.name and time.monotonic() < from_s + BRAKING_S:
+            time.sleep(LOOK_S)
+            answer = {**self._where(), "what": f"braked for {time.monotonic() - from_s:.2f} s"}
+        return answer
 
     def _set_params(self, values: Any = None, name: str | None = None, value: Any = None, **_: Any) -> dict[str, Any]:
         values = {name: value} if name is not None else values

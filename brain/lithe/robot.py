@@ -288,9 +288,9 @@ class Robot:
         """Torque on: the law runs from the next tick."""
         return self.call("arm")
 
-    def disarm(self) -> Any:
-        """Torque off."""
-        return self.call("disarm")
+    def disarm(self, now: bool = False) -> Any:
+        """Torque off, once a moving joint has been braked to rest; with `now` at once. `what` of the answer says it."""
+        return self.call("disarm", now=now)
 
     def hold(self) -> Any:
         """The setpoint slows down and stops; the running law continues to track it, until arm()."""

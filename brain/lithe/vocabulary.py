@@ -10,7 +10,7 @@ import difflib
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import Enum, IntEnum
 from typing import Any
 
 from .errors import Refused
@@ -26,10 +26,21 @@ class Effect(Enum):
     moves = "moves"  # the robot may move after it, otherwise than before
 
 
+class Tier(IntEnum):
+    """What a client may do; each includes those before it. What stops the robot needs none."""
+
+    observe = 0  # read, and stop
+    tune = 1  # change parameters of the running law
+    swap = 2  # change the law, within the robot file's fences
+    move = 3  # move the joints, and change the mode
+    person = 4  # beyond the robot file's fences; the simulated plant; shut down; take the torque off without braking
+
+
 @dataclass(frozen=True)
 class Verb:
     """`first`: handled ahead of what only reads. `required`: names of arguments that must be there. `commands`: of the
-    program `lithe`, those that do the same; the one that has the verb's own words is not named.
+    program `lithe`, those that do the same; the one that has the verb's own words is not named. `tier`: who may use it
+    at least; tier_of() has the arguments that need more.
     """
 
     name: str
@@ -39,6 +50,7 @@ class Verb:
     required: tuple[str, ...] = ()
     first: bool = False
     commands: tuple[str, ...] = ()
+    tier: Tier = Tier.observe
 
     def schema(self) -> Schema:
         """The arguments, as one JSON Schema."""
@@ -51,7 +63,13 @@ class Verb:
 
     def described(self) -> dict[str, Any]:
         """What `describe` says of it."""
-        return {"verb": self.name, "what": self.what, "effect": self.effect.value, "args": self.schema()}
+        return {
+            "verb": self.name,
+            "what": self.what,
+            "effect": self.effect.value,
+            "tier": self.tier.name,
+            "args": self.schema(),
+        }
 
 
 def _of(kind: str) -> Callable[..., Schema]:
@@ -184,6 +202,7 @@ VERBS = (
         },
         required=("source",),
         commands=("swap hold",),
+        tier=Tier.swap,
     ),
     Verb(
         "lease",
@@ -205,6 +224,7 @@ VERBS = (
         },
         first=True,
         commands=("param set",),
+        tier=Tier.tune,
     ),
     Verb(
         "publish",
@@ -218,6 +238,7 @@ VERBS = (
         },
         required=("t_ns", "position_rad"),
         first=True,
+        tier=Tier.move,
     ),
     Verb(
         "set_reference",
@@ -244,25 +265,44 @@ VERBS = (
         required=("kind",),
         first=True,
         commands=("move", "jog"),
+        tier=Tier.move,
     ),
     Verb("reference", "The reference that is streamed, since when, its interruptions, and why the one before ended."),
     Verb("stop_reference", "The reference comes to rest.", Effect.stops, first=True),
-    Verb("arm", "Torque on: the law runs from the next tick.", Effect.moves, first=True),
+    Verb("arm", "Torque on: the law runs from the next tick.", Effect.moves, first=True, tier=Tier.move),
     Verb(
         "recover",
         "Brings joints that are outside their limits inside, slowly and without a law.",
         Effect.moves,
         first=True,
+        tier=Tier.move,
     ),
-    Verb("reset", "Clears an e-stop or a safe stop; the robot is disarmed then.", Effect.moves, first=True),
-    Verb("sim_reset", "Simulated robots only, disarmed: the joints go back to their start positions.", Effect.moves),
+    Verb(
+        "reset",
+        "Clears an e-stop or a safe stop; the robot is disarmed then.",
+        Effect.moves,
+        first=True,
+        tier=Tier.move,
+    ),
+    Verb(
+        "sim_reset",
+        "Simulated robots only, disarmed: the joints go back to their start positions.",
+        Effect.moves,
+        tier=Tier.move,
+    ),
     Verb(
         "hold",
         "The setpoint slows down and rests; the law runs and keeps it there, until `arm`. No plan is followed.",
         Effect.stops,
         first=True,
     ),
-    Verb("disarm", "Torque off.", Effect.stops, first=True),
+    Verb(
+        "disarm",
+        "Torque off, once moving joints are braked to rest. `what`: what happened.",
+        Effect.stops,
+        args={"now": _flag("true: at once, a moving joint coasts; for a person")},
+        first=True,
+    ),
     Verb("estop", "At once: the drives damp until `reset`.", Effect.stops, first=True),
     Verb(
         "rollback",
@@ -270,6 +310,7 @@ VERBS = (
         Effect.stops,
         args={"steps": _integer("how many laws back", minimum=1, maximum=4)},
         first=True,
+        tier=Tier.swap,
     ),
     Verb(
         "activate",
@@ -279,13 +320,29 @@ VERBS = (
         required=("law",),
         first=True,
         commands=("law activate",),
+        tier=Tier.swap,
     ),
     Verb(
-        "revert_params", "The parameters before the last change.", Effect.stops, first=True, commands=("param revert",)
+        "revert_params",
+        "The parameters before the last change.",
+        Effect.stops,
+        first=True,
+        commands=("param revert",),
+        tier=Tier.tune,
     ),
-    Verb("shutdown", "Stops robot and supervisor in order.", Effect.moves, commands=("stop",)),
+    Verb("shutdown", "Stops robot and supervisor in order.", Effect.moves, commands=("stop",), tier=Tier.person),
 )
 BY_NAME = {each.name: each for each in VERBS}
+
+
+def tier_of(verb: Verb, args: dict[str, Any]) -> Tier:
+    """Who may use it with these arguments."""
+    if verb.name == "disarm" and args.get("now"):
+        return Tier.person
+    takes = verb.name == "lease" and (args.get("take") or "seconds" in args)  # it keeps others from moving
+    return Tier.tune if takes else verb.tier
+
+
 _BY_COMMAND = {words: each.name for each in VERBS for words in (each.name.replace("_", " "), *each.commands)}
 # These need the robot's computer: no verb does the same.
 _OTHER_COMMANDS = (

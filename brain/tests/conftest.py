@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from lithe.gateway import Gateway
 from lithe.remote import Remote
+from lithe.vocabulary import Tier
 from system.robot_rig import RobotRig
 
 
@@ -45,7 +46,7 @@ def gateway(robot: lithe.Robot) -> Iterator[Gateway]:
         "mumble": lambda args: object(),
         "sums": lambda args: {"angles": np.array([0.5, np.nan]), "n": np.int64(3), "pair": (1, 2)},
     }
-    server = Gateway(robot, verbs, token="sesame")
+    server = Gateway(robot, verbs, token="sesame", tier=Tier.person)
     server.start()
     yield server
     server.close()

@@ -14,7 +14,6 @@ namespace bit = wire::joint_status;
 
 // Plausibility limits: a sample beyond them is not a measurement, and products with it could overflow.
 constexpr double kAbsurd = 1.0e6;
-constexpr double kAtRestRadS = 0.05;
 
 // With several faults at once, the first of this list is reported.
 constexpr std::array kWorstFirst{Fault::drive_fault,    Fault::drive_watchdog, Fault::drive_conflict,

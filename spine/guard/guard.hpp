@@ -69,6 +69,8 @@ struct Group {
 // Contract: RT after configure() · owned by the tick thread · bounded work per joint
 class Guard {
  public:
+  static constexpr double kAtRestRadS = 0.05;  // a slower joint is at rest
+
   void configure(const robot::RobotConfig& robot);
 
   // Call at arming, when the drives are off: the slew bound starts at 0. Also rearms the safe law.

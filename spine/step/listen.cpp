@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a step does with the e-stop, commands (those about laws, too), plans and the Brain's heartbeat.
 #include <algorithm>
+#include <cmath>
 
 #include "spine/plan/check.hpp"
 #include "spine/step/step.hpp"
@@ -16,6 +17,10 @@ namespace {
 
 // Arming accepts a sample this many ticks old.
 constexpr std::uint32_t kStaleTicksToArm = 3;
+
+// A robot that brakes for `disarm` is off when it has been at rest for so long, or after the second time.
+constexpr double kRestS = 0.02;
+constexpr double kMostBrakingS = 3.0;
 
 constexpr EventKind event_of(CommandKind kind) LITHE_RT {
   switch (kind) {
@@ -40,6 +45,7 @@ void ControlStep::listen(const Input& in) LITHE_RT {
   watch_memory(in.damaged);
   if (in.estop_pressed && mode_.press_estop()) report_.event(EventKind::estop, 0, 0, 0, "the e-stop was pressed");
   if (in.command != nullptr) obey(in);
+  if (mode_.brakes()) switch_off_at_rest(in);
   watch_brain(in);
   if (in.plan != nullptr)
     take_plan(*in.plan);
@@ -101,12 +107,32 @@ Conditions ControlStep::conditions(const Input& in) const LITHE_RT {
     homed = homed && (!robot_.joints[j].must_be_homed || (sample.status[j] & wire::joint_status::kNotHomed) == 0);
     inside = inside && guard_.recovery().inside(j, sample.position_rad[j]);
   }
-  return {laws_.active() != nullptr, all_fresh, drive_fault, homed, in.estop_pressed, inside, memory_whole_};
+  return {laws_.active() != nullptr, all_fresh, drive_fault, homed, in.estop_pressed, inside, memory_whole_, moves(in)};
+}
+
+bool ControlStep::moves(const Input& in) const LITHE_RT {
+  for (std::uint32_t j = 0; j < in_.joints; ++j)
+    if (!(std::abs(in.sample.velocity_rad_s[j]) < guard::Guard::kAtRestRadS)) return true;
+  return false;
+}
+
+void ControlStep::switch_off_at_rest(const Input& in) LITHE_RT {
+  const auto seconds = [&](std::uint64_t ticks) LITHE_RT { return static_cast<double>(ticks) * in_.dt_s; };
+  braking_.ticks_at_rest = moves(in) ? 0 : braking_.ticks_at_rest + 1;
+  const bool rests = seconds(braking_.ticks_at_rest) >= kRestS;
+  if (++braking_.ticks; !rests && seconds(braking_.ticks) < kMostBrakingS) return;
+  mode_.switch_off();
+  EventText words;
+  words << (rests ? "braked to rest for " : "off while a joint still moved, after braking for ");
+  words.number(seconds(braking_.ticks - braking_.ticks_at_rest), 3) << " s";
+  report_.event(braking_.event, 0, braking_.request_id, 0, words.text());
 }
 
 CommandResult ControlStep::change_mode(CommandKind kind, const Input& in) LITHE_RT {
   const wire::Mode before = mode_.mode();
-  const CommandResult result = mode_.apply(kind, conditions(in));
+  Conditions now = conditions(in);
+  if (kind == CommandKind::disarm && in.command->count != 0) now.moves = false;
+  const CommandResult result = mode_.apply(kind, now);
   if (result != CommandResult::done) return result;
   // Drives that are off: the slew bound starts at zero torque, and the setpoint starts at the measured position.
   if (before == wire::Mode::disarmed) guard_.reset_output();
@@ -120,7 +146,10 @@ CommandResult ControlStep::change_mode(CommandKind kind, const Input& in) LITHE_
     guard_.start_recovery();
   }
   if (mode_.mode() == wire::Mode::hold) plan_.stop(in.now_ns);
-  report_.event(event_of(kind), 0, in.command->request_id, 0, "");
+  if (mode_.brakes())  // its event follows when the drives are off
+    braking_ = {.request_id = in.command->request_id, .event = event_of(kind)};
+  else
+    report_.event(event_of(kind), 0, in.command->request_id, 0, "");
   return result;
 }
 

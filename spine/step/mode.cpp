@@ -29,7 +29,7 @@ CommandResult ModeMachine::apply(CommandKind kind, const Conditions& conditions)
     case CommandKind::disarm:
       // Only `reset` leaves the e-stop.
       if (mode_ == Mode::estop) return CommandResult::refused_estop;
-      mode_ = Mode::disarmed;  // a fault stays latched: it takes a reset before the next arming
+      off(conditions);  // a fault stays latched: it takes a reset before the next arming
       return CommandResult::done;
     case CommandKind::hold:
       if (!law_runs()) return CommandResult::refused_mode;
@@ -46,6 +46,7 @@ CommandResult ModeMachine::apply(CommandKind kind, const Conditions& conditions)
 CommandResult ModeMachine::arm(const Conditions& conditions) LITHE_RT {
   if (conditions.estop_pressed || mode_ == Mode::estop) return CommandResult::refused_estop;
   if (!conditions.memory_whole) return CommandResult::refused_damaged;
+  if (brakes()) return CommandResult::refused_mode;
   if (fault_ != Fault::none && !law_runs()) return CommandResult::refused_fault;
   if (!conditions.has_law) return CommandResult::refused_law;
   if (!conditions.sample_fresh) return CommandResult::refused_not_ready;
@@ -58,7 +59,7 @@ CommandResult ModeMachine::arm(const Conditions& conditions) LITHE_RT {
 CommandResult ModeMachine::recover(const Conditions& conditions) LITHE_RT {
   if (conditions.estop_pressed || mode_ == Mode::estop) return CommandResult::refused_estop;
   if (!conditions.memory_whole) return CommandResult::refused_damaged;
-  if (law_runs()) return CommandResult::refused_mode;
+  if (law_runs() || brakes()) return CommandResult::refused_mode;
   if (!leaves_by_recover(fault_)) return CommandResult::refused_fault;
   if (!conditions.sample_fresh) return CommandResult::refused_not_ready;
   if (!conditions.homed) return CommandResult::refused_not_homed;
@@ -71,14 +72,21 @@ CommandResult ModeMachine::reset(const Conditions& conditions) LITHE_RT {
   if (conditions.estop_pressed) return CommandResult::refused_estop;
   const bool of_drive = mode_ == Mode::disarmed && conditions.drive_fault;
   if (fault_ == Fault::none && !of_drive) return CommandResult::refused_mode;
-  mode_ = Mode::disarmed;
+  off(conditions);
   fault_ = Fault::none;
   return CommandResult::done;
+}
+
+// Drives that only damp, as in the e-stop, do not brake again.
+void ModeMachine::off(const Conditions& conditions) LITHE_RT {
+  off_at_rest_ = energised() && conditions.moves;
+  mode_ = off_at_rest_ ? Mode::safe_stop : Mode::disarmed;
 }
 
 bool ModeMachine::fail(Fault fault) LITHE_RT {
   if (!can_fail()) return false;
   mode_ = Mode::safe_stop;
+  off_at_rest_ = false;
   fault_ = fault;  // the fault of the whole robot; the guard has each joint's own
   return true;
 }

@@ -17,14 +17,16 @@ struct Conditions {
   bool estop_pressed = false;  // one of the sticky words is set
   bool inside = true;          // every joint is at most Recovery::kAtLimitRad beyond its position limits
   bool memory_whole = true;    // contain::Constants found no change
+  bool moves = false;          // a joint moves: the safe law brakes it before the drives are switched off
 };
 
 //   arm      disarmed, hold -> active
 //   hold     active -> hold
-//   disarm   active, hold, recover, safe_stop -> disarmed
+//   disarm   active, hold, recover, safe_stop -> disarmed; while a joint moves: first safe_stop, until it rests
 //   fault    active, hold, recover -> safe_stop
 //   e-stop   any mode -> estop
-//   reset    wherever a fault is latched -> disarmed; also in disarmed while a drive reports a fault, to clear that
+//   reset    wherever a fault is latched -> disarmed, as `disarm`; also in disarmed while a drive reports a fault, to
+//            clear that
 //   recover  disarmed -> recover; also from a safe stop by position_limit, velocity_limit or recover_failed, so that a
 //            held joint does not have to be switched off first. Ends with disarm, a fault, or with arm once every joint
 //            is inside its limits.
@@ -42,6 +44,9 @@ class ModeMachine {
   bool damps() const LITHE_RT { return mode_ == wire::Mode::estop && was_energised_; }
   bool law_runs() const LITHE_RT { return mode_ == wire::Mode::active || mode_ == wire::Mode::hold; }
   bool can_fail() const LITHE_RT { return law_runs() || mode_ == wire::Mode::recover; }
+  // In a safe stop that ends with switch_off(), because `disarm` or `reset` came while a joint moved.
+  bool brakes() const LITHE_RT { return mode_ == wire::Mode::safe_stop && off_at_rest_; }
+  void switch_off() LITHE_RT { mode_ = wire::Mode::disarmed; }
 
   // Applies one of arm, disarm, hold, reset, recover, estop; anything else is refused_unknown.
   wire::CommandResult apply(wire::CommandKind kind, const Conditions& conditions) LITHE_RT;
@@ -57,11 +62,13 @@ class ModeMachine {
  private:
   wire::CommandResult arm(const Conditions& conditions) LITHE_RT;
   wire::CommandResult reset(const Conditions& conditions) LITHE_RT;
+  void off(const Conditions& conditions) LITHE_RT;
   wire::CommandResult recover(const Conditions& conditions) LITHE_RT;
 
   wire::Mode mode_ = wire::Mode::disarmed;
   wire::Fault fault_ = wire::Fault::none;
   bool was_energised_ = false;  // before the e-stop
+  bool off_at_rest_ = false;    // of the safe stop
 };
 
 }  // namespace lithe::step

@@ -81,6 +81,8 @@ class ControlStep {
   wire::CommandResult change_mode(wire::CommandKind kind, const Input& in) LITHE_RT;
   wire::CommandResult reset_simulation(const wire::Command& command) LITHE_RT;
   Conditions conditions(const Input& in) const LITHE_RT;
+  bool moves(const Input& in) const LITHE_RT;
+  void switch_off_at_rest(const Input& in) LITHE_RT;
   void watch_brain(const Input& in) LITHE_RT;
   void take_plan(const wire::Plan& plan) LITHE_RT;
   void miss_plan() LITHE_RT;
@@ -100,6 +102,13 @@ class ControlStep {
   bool memory_whole_ = true;
   bool brain_stale_ = true;
   wire::Plan resting_plan_;  // a plan, with the joints that are stopped at rest
+
+  // Of a `disarm` or `reset` that came while a joint moved.
+  struct {
+    std::uint64_t request_id = 0;
+    std::uint64_t ticks = 0, ticks_at_rest = 0;
+    wire::EventKind event = wire::EventKind::disarmed;
+  } braking_;
 };
 
 }  // namespace lithe::step

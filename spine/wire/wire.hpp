@@ -776,7 +776,7 @@ static_assert(offsetof(Plan, velocity_rad_s) == 4248);
 struct Command {
   std::uint32_t kind = {};  // CommandKind
   std::uint32_t law_id = {};  // set_params, revert_params, rollback: refused when another law runs; 0 = any
-  std::uint32_t count = {};  // set_params: how many
+  std::uint32_t count = {};  // set_params: how many; rollback: steps; disarm: 1 = a moving joint is not braked first
   std::array<std::uint8_t, 4> pad0{};
   std::uint64_t request_id = {};  // comes back in the event
   std::array<std::uint32_t, 32> index{};  // set_params: which parameter

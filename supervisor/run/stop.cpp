@@ -81,7 +81,7 @@ Drives Supervisor::switch_off() {
         obeyed = refusal == nullptr || refusal->code == "refused_estop";
       },
       monotonic_ns());
-  turn_until([&] { return answered || spine_->ended(); }, Commands::kTimeoutNs + kNsPerS);
+  turn_until([&] { return answered || spine_->ended(); }, Commands::kTimeoutNs + Commands::kBrakingNs);
   wire::Telemetry now{};
   Drives seen = Drives::driven;
   if (obeyed) {

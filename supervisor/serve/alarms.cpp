@@ -53,6 +53,8 @@ void see_mode(const Json& status, Alarms& out) {
   const bool faulty = !fault.empty() && fault != "none";
   if (mode == "estop")
     out.stop("the e-stop is latched; find out why, then: lithe reset");
+  else if (mode == "safe_stop" && !faulty)
+    out.warn("brakes for disarm or reset; the drives are off then");
   else if (mode == "safe_stop")
     out.stop("safe stop by " + what_stopped(status, fault));
   else if (faulty)

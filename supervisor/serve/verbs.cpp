@@ -101,15 +101,15 @@ void Verbs::add_looks() {
 }
 
 void Verbs::add_commands() {
-  const std::pair<const char*, wire::CommandKind> plain[] = {{"arm", wire::CommandKind::arm},
-                                                             {"disarm", wire::CommandKind::disarm},
-                                                             {"hold", wire::CommandKind::hold},
-                                                             {"estop", wire::CommandKind::estop},
-                                                             {"reset", wire::CommandKind::reset},
-                                                             {"recover", wire::CommandKind::recover},
-                                                             {"sim_reset", wire::CommandKind::sim_reset}};
+  const std::pair<const char*, wire::CommandKind> plain[] = {
+      {"arm", wire::CommandKind::arm},         {"hold", wire::CommandKind::hold},
+      {"estop", wire::CommandKind::estop},     {"reset", wire::CommandKind::reset},
+      {"recover", wire::CommandKind::recover}, {"sim_reset", wire::CommandKind::sim_reset}};
   for (const auto& [name, kind] : plain)
     verbs_[name] = [this, kind = kind](const ReplyTo& to, const Json&) { command(kind, to); };
+  verbs_["disarm"] = [this](const ReplyTo& to, const Json& args) {
+    command(wire::CommandKind::disarm, to, args.value("now", false) ? 1 : 0);
+  };
   verbs_["rollback"] = [this](const ReplyTo& to, const Json& args) { roll_back(to, args); };
   verbs_["activate"] = [this](const ReplyTo& to, const Json& args) { activate(to, args); };
   verbs_["revert_params"] = [this](const ReplyTo& to, const Json&) {

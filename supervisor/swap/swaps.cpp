@@ -7,7 +7,9 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <array>
 #include <set>
+#include <string_view>
 #include <utility>
 
 #include "spine/core/time.hpp"
@@ -67,8 +69,9 @@ Swaps::Swaps(const Helpers& helpers, CertificateFiles book, std::uint64_t first_
       next_id_(first_request_id) {}
 
 std::variant<SwapTerms, Refusal> Swaps::read_terms(const Json& args) const {
+  constexpr std::array<std::string_view, 5> kOtherArguments{"source", "name", "params", "supersede", "fenced"};
   for (const auto& [name, value] : args.items())
-    if (!is_term(name) && name != "source" && name != "name" && name != "params" && name != "supersede")
+    if (!is_term(name) && std::ranges::find(kOtherArguments, name) == kOtherArguments.end())
       return Refusal{"usage", fmt::format("swap has no argument '{}'", name), "see docs/reference/verbs.md"};
   return control::read_terms(args, robots_terms_, help_.spine.info().rate_hz);
 }

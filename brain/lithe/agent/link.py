@@ -196,22 +196,17 @@ class Link:
         columns = columns_of(pieces, FIELDS)
         return told, motions_of({name: values[columns["mode"] == Mode.active] for name, values in columns.items()})
 
-    def swap(self, source: str, name: str, known: bool = False) -> Outcome:
-        """The law through the whole swap, always with probation. Never raises Refused: that is an outcome.
-
-        `known`: it ran before, so its error is known and not judged again. After a stop there is no time before the
-        swap to compare it with.
-        """
+    def swap(self, source: str, name: str) -> Outcome:
+        """The law through the whole swap, always with probation. Never raises Refused: that is an outcome."""
         before, earlier = self.law_id(), self._last_swap().get("request_id")
-        return self._swapped(source, name, before, earlier, known)
+        return self._swapped(source, name, before, earlier)
 
-    def _swapped(self, source: str, name: str, before: int, earlier: Any, known: bool) -> Outcome:
-        terms = {"probation_s": PROBATION_S} | ({"error_ratio": 0} if known else {})
-        self.say("swap", name=name, **terms)
+    def _swapped(self, source: str, name: str, before: int, earlier: Any) -> Outcome:
+        self.say("swap", name=name, probation_s=PROBATION_S)
         self.swaps, self._pending = self.swaps + 1, name
         try:
             with self.alive():
-                answer = self._remote.call("swap", source=source, name=name, **terms)
+                answer = self._remote.call("swap", source=source, name=name, probation_s=PROBATION_S)
         except Refused as refusal:
             self._pending = ""
             self._check(refusal)
@@ -304,7 +299,7 @@ class Link:
         """
         if self.law_id() == law_id:
             return law_id
-        if not self._activated(law_id) and source and (done := self.swap(source, name, known=True)).runs:
+        if not self._activated(law_id) and source and (done := self.swap(source, name)).runs:
             return done.law_id
         if self.law_id() != law_id:
             raise LitheError(f"the best law does not run: law {self.law_id()} does, and no verb leads to law {law_id}")
@@ -358,7 +353,7 @@ class Link:
         if self._activated(law_id):
             return law_id
         earlier = self._last_swap().get("request_id")
-        done = self._swapped(source, name, 0, earlier, known=True) if source else Outcome("", False)
+        done = self._swapped(source, name, 0, earlier) if source else Outcome("", False)
         if not done.law_id:
             raise Lost(f"no verb leads back to law {law_id}: {done.said}")
         return done.law_id

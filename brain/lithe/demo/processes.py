@@ -185,7 +185,9 @@ class Stage:
 
 def start_brain(stage: Stage, token_file: Path, reference: dict[str, Any]) -> tuple[subprocess.Popen[bytes], int]:
     """The Brain process, a gateway that streams this reference ({}: rest), and the gateway's port."""
-    brain = stage.start("lithe.gateway", "--robot", stage.robot, "--port", "0", "--token-file", str(token_file))
+    brain = stage.start(
+        "lithe.gateway", "--robot", stage.robot, "--port", "0", "--tier", "person", "--token-file", str(token_file)
+    )
     try:
         port = port_of(brain, 60.0)
     except LitheError as error:

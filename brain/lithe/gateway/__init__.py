@@ -5,7 +5,8 @@ JSON lines. The first line is {"token": "..."}; with "client": "SECRET" all conn
 (peer.py). Then requests {"id", "verb", "args"}, answered as on the control socket:
 {"id", "ok": true, "result"} or {"id", "ok": false, "error": {"code", "message", "next"}}. All verbs are in one table
 (vocabulary.py); those of `_ours` are the gateway's own, an application may add others, and the rest goes to the
-supervisor. `estop` is done through shared memory and answered after a tick saw it; `reset` also clears that word, which
+supervisor. A token has a tier (vocabulary.py), which says what its client may do; an application's verbs need `move`.
+`estop` is done through shared memory and answered after a tick saw it; `reset` also clears that word, which
 the supervisor cannot. Loopback by default; the token lies in a file of mode 0600.
 
 Who is served when: an e-stop ahead of everything, also of this client's own requests, and also where all places are
@@ -37,7 +38,7 @@ from ..certificates import params_with_verdict, with_verdict
 from ..errors import LitheError, NotRunning, Refused
 from ..robot import Robot
 from ..text import unprintable_in
-from ..vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
+from ..vocabulary import BY_NAME, VERBS, Effect, Tier, check_names, nearest, tier_of
 from . import changes, documents, happened
 from .answers import Encoded, encode, in_the_words_of_verbs, refusal, refused_by
 from .brief import brief, brief_detail, brief_params
@@ -49,7 +50,7 @@ from .parts import chain_of, parts_of, simulation_of
 from .peer import AWAY_S, Peer, Peers
 from .records import Records
 from .references import References
-from .token import write_token
+from .token import lower, write_token
 from .turns import Turns
 
 __all__ = ["Gateway", "encode", "write_token"]
@@ -64,7 +65,8 @@ def _text(raw: Any) -> str:
 
 
 class Gateway:
-    """Serves one Robot on `host`:`port` (0: any free one, see .port) to clients with `token`.
+    """Serves one Robot on `host`:`port` (0: any free one, see .port) to clients with `token`, which may do what `tier`
+    says, and to those with a token of a lower tier (token.lower).
 
     `verbs` are the application's own; they add to or replace the gateway's: functions of the args, called in a thread
     of the client's. `say` gets a line for each disconnected client; the default writes to stderr.
@@ -78,6 +80,7 @@ class Gateway:
         port: int = 0,
         *,
         token: str,
+        tier: Tier = Tier.move,
         say: Callable[[str], None] | None = None,
     ) -> None:
         if not token.strip():
@@ -117,7 +120,8 @@ class Gateway:
         self.verbs: dict[str, Verb] = {**self._ours, **(verbs or {})}
         no = refusal(None, Refused("token", "wrong token", "read it from the token file"))
         try:
-            self._lobby = Lobby(host, port, self.token, self._admit, no)
+            tokens = {self.token: tier} | {lower(self.token, each): each for each in Tier if each < tier}
+            self._lobby = Lobby(host, port, tokens, self._admit, no)
         except (OSError, OverflowError) as error:  # OverflowError: no number of a port
             why = error.strerror if isinstance(error, OSError) else error
             raise LitheError(f"cannot listen on {host}:{port} ({why}): choose another host or port") from None
@@ -131,7 +135,7 @@ class Gateway:
         """Accepts no more clients; connected ones stay until they leave."""
         self._lobby.close()
 
-    def _admit(self, link: socket.socket, hello: Hello, rest: bytes) -> bytes | None:
+    def _admit(self, link: socket.socket, hello: Hello, rest: bytes, tier: Tier) -> bytes | None:
         """A client that knows the token gets a place, or is refused; for an e-stop it needs none."""
         if hello.get("estop") is True:
             threading.Thread(target=self._estop_only, args=(link,), name="lithe-gateway-estop", daemon=True).start()
@@ -139,7 +143,7 @@ class Gateway:
         if not self._places.acquire(blocking=False):
             many = f"{MOST_CLIENTS} clients are served already"
             return refusal(None, Refused("busy", many, "try later; an e-stop needs no place"))
-        words = link, rest, self.peers.came(link, hello)
+        words = link, rest, self.peers.came(link, hello, tier)
         threading.Thread(target=self._serve, args=words, name="lithe-gateway-client", daemon=True).start()
         return None
 
@@ -198,6 +202,7 @@ class Gateway:
             # What stops the robot is never refused for an argument too many.
             if known.effect is not Effect.stops:
                 check_names(known, args)
+        self._may(verb, args)
         if verb in BY_NAME and BY_NAME[verb].effect is Effect.moves:
             self.lease.moves(self._asking.client)
         if verb not in changes.TELL:
@@ -213,6 +218,22 @@ class Gateway:
             changed, now = self.laws.change(client)
             self.laws.knows(client, now)
         return result | {"law_changed": changed} if changed else result
+
+    @property
+    def _tier(self) -> Tier:
+        """Of the client whose request this thread handles."""
+        client: Peer | None = self._asking.client
+        return client.tier if client is not None else Tier.observe
+
+    def _may(self, verb: str, args: dict[str, Any]) -> None:
+        """Raises Refused when the client's token does not permit it."""
+        needed = tier_of(BY_NAME[verb], args) if verb in BY_NAME else Tier.move
+        if needed > self._tier:
+            raise Refused(
+                "no_permission",
+                f"'{verb}' needs a token of tier {needed.name}; this client's is of tier {self._tier.name}",
+                f"ask the person who started the gateway for one, or to start it with --tier {needed.name}",
+            )
 
     def _done(self, own: Verb | None, verb: str, args: dict[str, Any]) -> Any:
         wait = verb == "set_params" and own is None and bool(args.pop("wait", False))
@@ -259,6 +280,7 @@ class Gateway:
             "sensor_kinds": {name: kinds.get(name) for name in sensors},
             "simulation": simulation_of(robot_file),
             "documents": [each["name"] for each in documents.listed()],
+            "tier": self._tier.name,
             "verbs": [each.described() for each in VERBS],
             "application_verbs": sorted(name for name, one in self.verbs.items() if one is not self._ours.get(name)),
             "now_ns": time.monotonic_ns(),
@@ -271,7 +293,7 @@ class Gateway:
         short = bool(args.pop("brief", False))
         wait = bool(args.pop("wait", short))
         try:
-            certificate = self.robot.call("swap", **args)
+            certificate = self.robot.call("swap", **args, fenced=self._tier < Tier.person)
         except Refused as error:
             if short:
                 raise Refused(error.code, error.message, error.next, brief_detail(error.detail)) from None

@@ -19,6 +19,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from ..vocabulary import Tier
+
 HELLO_S = 6.0  # an SSH tunnel connects here, and tells what its client said a way there and back later
 MOST_HELLO_BYTES = 4096
 MOST_WAITING = 64
@@ -41,16 +43,22 @@ class Guest:
 
 
 class Lobby:
-    """Listens on `host`:`port` (0: any free one) and gives each who knows the token to `admit`.
+    """Listens on `host`:`port` (0: any free one) and gives each who knows one of `tokens` to `admit`.
 
-    `admit(link, hello, rest)` gets the connected socket, what the client said first and what it has sent since. It
-    returns None when it took the client, else the line to refuse it with; it must not wait.
+    `admit(link, hello, rest, tier)` gets the connected socket, what the client said first and what it has sent since,
+    and the tier of its token. It returns None when it took the client, else the line to refuse it with; it must not
+    wait.
     """
 
     def __init__(
-        self, host: str, port: int, token: str, admit: Callable[[socket.socket, Hello, bytes], bytes | None], no: bytes
+        self,
+        host: str,
+        port: int,
+        tokens: dict[str, Tier],
+        admit: Callable[[socket.socket, Hello, bytes, Tier], bytes | None],
+        no: bytes,
     ) -> None:
-        self._token, self._admit, self._no = token.encode(), admit, no
+        self._tokens, self._admit, self._no = {word.encode(): tier for word, tier in tokens.items()}, admit, no
         self._guests: dict[int, Guest] = {}  # by file descriptor, who came first before the others
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._listener = socket.create_server((host, port), family=family, backlog=128)
@@ -134,12 +142,13 @@ class Lobby:
         hello: Any = None
         with contextlib.suppress(ValueError, RecursionError):
             hello = json.loads(line)
-        given = str(hello.get("token", "")) if isinstance(hello, dict) else ""
+        given = str(hello.get("token", "")).encode(errors="replace") if isinstance(hello, dict) else b""
         refusal = self._no
-        if hmac.compare_digest(given.encode(errors="replace"), self._token):
+        tiers = [tier for token, tier in self._tokens.items() if hmac.compare_digest(given, token)]
+        if tiers:
             number = guest.link.fileno()
             self._selector.unregister(guest.link)
-            busy = self._admit(guest.link, hello, rest)
+            busy = self._admit(guest.link, hello, rest, tiers[0])
             if busy is None:
                 del self._guests[number]
                 return

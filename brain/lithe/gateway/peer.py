@@ -11,6 +11,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
+from ..vocabulary import Tier
+
 AWAY_S = 10.0  # two ways there and back on a link that takes 2 s, and a pause before the next try
 LEAST_SECRET, MOST_SECRET = 16, 64  # characters
 
@@ -18,12 +20,13 @@ LEAST_SECRET, MOST_SECRET = 16, 64  # characters
 @dataclass(frozen=True)
 class Peer:
     """`key`: equal for the same client, and told to nobody; `name`: the address of this connection's other end;
-    `lasts`: it can come back.
+    `lasts`: it can come back; `tier`: what its token lets it do.
     """
 
     key: object
     name: str = field(compare=False)
     lasts: bool = field(compare=False)
+    tier: Tier = field(compare=False, default=Tier.move)
 
 
 class Peers:
@@ -33,7 +36,7 @@ class Peers:
         self._lock = threading.Lock()
         self._connections: Counter[object] = Counter()
 
-    def came(self, link: socket.socket, hello: dict[str, Any]) -> Peer:
+    def came(self, link: socket.socket, hello: dict[str, Any], tier: Tier) -> Peer:
         """A connection more; without a secret of a good length in `client` it is a client of its own."""
         secret = hello.get("client")
         lasts = isinstance(secret, str) and LEAST_SECRET <= len(secret) <= MOST_SECRET
@@ -42,7 +45,7 @@ class Peers:
             name = f"client {host}:{port}"
         except OSError:
             name = "a client that has left"
-        peer = Peer(secret if lasts else object(), name, lasts)
+        peer = Peer(secret if lasts else object(), name, lasts, tier)
         with self._lock:
             self._connections[peer.key] += 1
         return peer

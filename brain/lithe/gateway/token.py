@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import hashlib
+import hmac
 import os
 import secrets
 import stat
 from pathlib import Path
 
 from ..errors import LitheError
+from ..vocabulary import Tier
 
 _HELD: dict[Path, int] = {}  # token files of this process, open and locked
 
@@ -18,6 +21,11 @@ _HELD: dict[Path, int] = {}  # token files of this process, open and locked
 def new_token() -> str:
     """A random token."""
     return secrets.token_hex(16)
+
+
+def lower(token: str, tier: Tier) -> str:
+    """A token for that tier, made from one of a higher tier; from it nobody finds the higher one."""
+    return f"{tier.name}-{hmac.new(token.encode(), tier.name.encode(), hashlib.sha256).hexdigest()[:32]}"
 
 
 def write_token(path: Path, token: str | None = None) -> str:

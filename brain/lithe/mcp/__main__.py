@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serves MCP on stdin and stdout, or gives and takes back the permission to move."""
+"""Serves MCP on stdin and stdout, or gives and takes back the permission to change the robot."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from .. import mcp
 from ..control import run_dir
 from ..errors import LitheError
 from ..remote import Remote
+from ..vocabulary import Tier
 from . import http, permission
 from .protocol import MOST_LINE_BYTES, Json
 from .server import Server
@@ -57,7 +58,13 @@ def main() -> int:
         "--http", type=int, metavar="PORT", help="serve over HTTP on this port of 127.0.0.1; 0: any free one"
     )
     jobs = parser.add_subparsers(dest="job")
-    allow = jobs.add_parser("allow", help="permit agents to move the robot, for a time")
+    allow = jobs.add_parser("allow", help="permit agents to change the robot, for a time")
+    allow.add_argument(
+        "--tier",
+        choices=[each.name for each in Tier][1:],
+        default=Tier.move.name,
+        help="with all before it (default: move); person also needs a gateway that was started with --tier person",
+    )
     allow.add_argument("--minutes", type=float, default=15.0)
     jobs.add_parser("forbid", help="take the permission back")
     args = parser.parse_args()
@@ -67,10 +74,12 @@ def main() -> int:
             return serve(args)
         if args.job == "forbid":
             permission.take_back(file)
-            print("agents may no longer move the robot")
+            print("agents may only observe and stop the robot")
         else:
-            until = time.strftime("%H:%M:%S", time.localtime(permission.give(file, args.minutes)))
-            print(f"agents may move the robot at port {args.port} until {until}; `python -m lithe.mcp forbid` ends it")
+            until = time.strftime("%H:%M:%S", time.localtime(permission.give(file, args.minutes, Tier[args.tier])))
+            print(
+                f"agents have tier {args.tier} at port {args.port} until {until}; `python -m lithe.mcp forbid` ends it"
+            )
     except (LitheError, OSError) as error:
         print(f"lithe.mcp: {error}", file=sys.stderr)
         return 1

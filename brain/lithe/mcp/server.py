@@ -16,9 +16,9 @@ from typing import Any
 from .. import __version__
 from ..control import plain
 from ..errors import LitheError, NotRunning, Refused
-from ..vocabulary import BY_NAME, VERBS, Effect, Verb
+from ..vocabulary import BY_NAME, VERBS, Effect, Tier, Verb, tier_of
 from . import library, plots, protocol
-from .permission import remaining_s
+from .permission import tier_in
 from .protocol import Header, Json, Wrong
 
 Send = Callable[[Json], None]  # takes one answer; from any thread
@@ -40,13 +40,14 @@ INSTRUCTIONS = (
     "resource lithe://contract before you write a law. `law_check` costs nothing. A refusal says what to change. The "
     "answer of `swap` has the verdict of its probation, and old law beside new; `document` with name plots/laws.png "
     "shows all of them, plots/recent.png the last minute. `set_reference` moves the joints. "
-    "Tools that can move the robot need a person's permission; hold, disarm, estop, rollback, revert_params never do."
+    "A person permits, for a time, a tier: tune (parameters), swap (laws), move (joints, modes), person. What reads, "
+    "and hold, disarm, estop, stop_reference, need none."
 )
 
 
 def tool(verb: Verb) -> Json:
     """A verb, as tools/list tells it."""
-    words = verb.what + (" Needs a person's permission." if verb.effect is Effect.moves else "")
+    words = verb.what + (f" Tier {verb.tier.name}." if verb.tier else "")
     hints = {"readOnlyHint": verb.effect is Effect.reads, "destructiveHint": verb.effect is Effect.moves}
     return {"name": verb.name, "description": words, "inputSchema": verb.schema(), "annotations": hints}
 
@@ -62,7 +63,7 @@ def too_long(text: str) -> str:
 
 
 class Server:
-    """`call(verb, args)` reaches the robot; moving verbs need the file `permission`."""
+    """`call(verb, args)` reaches the robot; verbs of a tier above observe need the file `permission`."""
 
     def __init__(self, call: Callable[[str, Json], Any], permission: Path) -> None:
         self._call = call
@@ -175,10 +176,11 @@ class Server:
             raise Wrong(protocol.PARAMS, f"there is no tool '{params.get('name')}': see tools/list")
         if not isinstance(args, dict):
             raise Wrong(protocol.PARAMS, "arguments is an object")
-        if verb.effect is Effect.moves and not remaining_s(self._permission):
+        needed, given = tier_of(verb, args), tier_in(self._permission)
+        if needed > given:
             return said(
-                f"no_permission: '{verb.name}' can move the robot, and no person has permitted that, or time is over\n"
-                "next: ask the person to run `python -m lithe.mcp allow --minutes 15`",
+                f"no_permission: '{verb.name}' needs tier {needed.name}; a person has permitted {given.name} by now\n"
+                f"next: ask the person to run `python -m lithe.mcp allow --tier {needed.name} --minutes 15`",
                 error=True,
             )
         if verb.name == "swap":
@@ -235,7 +237,7 @@ class Server:
         self._since_ns = since_ns = int(told["since_ns"])
 
         def watch() -> None:
-            while self._since_ns == since_ns and remaining_s(self._permission):
+            while self._since_ns == since_ns and tier_in(self._permission) >= Tier.move:
                 time.sleep(LOOK_S)
             while self._since_ns == since_ns:
                 try:

@@ -17,7 +17,7 @@ from lithe.mcp.protocol import HANDSHAKE, META, MOST_LINE_BYTES, STATELESS, VERS
 from lithe.mcp.server import INSTRUCTIONS, MOST_ANSWER_BYTES, MOST_CALLS, MOST_STOPS, Server
 from lithe.remote import Remote
 from lithe.shm import dtype
-from lithe.vocabulary import BY_NAME, VERBS, Effect, check_names, nearest
+from lithe.vocabulary import BY_NAME, VERBS, Effect, Tier, check_names, nearest
 from system.robot_rig import RobotRig
 
 Json = dict[str, Any]
@@ -152,9 +152,9 @@ def test_nothing_moves_without_a_persons_permission(fake: Fake) -> None:
     assert fake.tool("arm")["isError"] and len(fake.asked) == 1
 
 
-def test_a_stop_or_a_step_back_never_needs_one(fake: Fake) -> None:
-    stopping = [each.name for each in VERBS if each.effect is Effect.stops]
-    assert set(stopping) == {"hold", "disarm", "estop", "stop_reference", "rollback", "activate", "revert_params"}
+def test_a_stop_never_needs_one(fake: Fake) -> None:
+    stopping = [each.name for each in VERBS if each.effect is Effect.stops and each.tier is Tier.observe]
+    assert set(stopping) == {"hold", "disarm", "estop", "stop_reference"}
     for name in stopping:
         assert not fake.tool(name)["isError"]
     assert [verb for verb, _ in fake.asked] == stopping
@@ -166,7 +166,9 @@ def test_a_permission_ends_and_cannot_be_made_longer(tmp_path: Path) -> None:
         with pytest.raises(lithe.LitheError, match="minutes"):
             permission.give(file, minutes)
     permission.give(file, 5)
-    assert 0 < permission.remaining_s(file) <= 300
+    assert permission.tier_in(file) is Tier.move, "if nothing is said"
+    permission.give(file, 5, Tier.tune)
+    assert permission.tier_in(file) is Tier.tune
     for spoilt in (
         "",
         "{",
@@ -175,16 +177,18 @@ def test_a_permission_ends_and_cannot_be_made_longer(tmp_path: Path) -> None:
         '{"until_unix_s": 1}',
         '{"until_unix_s": 1e300}',
         '{"until_unix_s": NaN}',
+        f'{{"until_unix_s": {time.time() + 60}}}',
+        f'{{"until_unix_s": {time.time() + 60}, "tier": "god"}}',
     ):
         file.write_text(spoilt)
-        assert permission.remaining_s(file) == 0, spoilt
+        assert permission.tier_in(file) is Tier.observe, spoilt
     permission.give(file, 5)
     file.chmod(0o644)
-    assert permission.remaining_s(file) == 0, "others could have had it"
+    assert permission.tier_in(file) is Tier.observe, "others could have had it"
     permission.give(file, 5)
     file.rename(tmp_path / "other")
     file.symlink_to(tmp_path / "other")
-    assert permission.remaining_s(file) == 0, "a link"
+    assert permission.tier_in(file) is Tier.observe, "a link"
 
 
 def test_a_refusal_says_code_and_next_step(fake: Fake) -> None:

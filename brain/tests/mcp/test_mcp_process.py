@@ -70,7 +70,7 @@ def test_a_client_that_knows_only_mcp_changes_the_law_and_goes_back(process: Pro
     assert text(process.tool("swap", source=law)).startswith("no_permission")
     assert process.person("allow", "--minutes", "0").returncode == 1
     allowed = process.person("allow", "--minutes", "5")
-    assert allowed.returncode == 0 and "agents may move the robot" in allowed.stdout
+    assert allowed.returncode == 0 and "agents have tier move" in allowed.stdout
     before = json.loads(text(process.tool("status")))["law"]
     certificate = json.loads(text(process.tool("swap", source=law, name="gravity_pd.cpp")))
     assert certificate["verdict"] in ("confirmed", "unproven"), "it waited for the verdict"

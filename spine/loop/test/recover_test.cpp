@@ -129,7 +129,7 @@ TEST(Recover, AnyOtherFaultEndsIt) {
   rig.serve();
   rig.ticks(3);
   EXPECT_EQ(rig.send(CommandKind::recover), CommandResult::refused_fault) << "not what recover is the way out of";
-  EXPECT_EQ(rig.send(CommandKind::reset), CommandResult::done);
+  EXPECT_EQ(rig.send_off(CommandKind::reset), CommandResult::done);
   rig.ticks(5);
   EXPECT_EQ(rig.send(CommandKind::recover), CommandResult::done);
 }
@@ -167,7 +167,7 @@ TEST(SimReset, IsRefusedWhileDrivesAreOnAndOnRealBuses) {
   RecoverRig rig(1000, {{-3, 3, 0.5}});
   ASSERT_EQ(rig.send(CommandKind::arm), CommandResult::done);
   EXPECT_EQ(rig.send(CommandKind::sim_reset), CommandResult::refused_mode);
-  EXPECT_EQ(rig.send(CommandKind::disarm), CommandResult::done);
+  EXPECT_EQ(rig.send_off(CommandKind::disarm), CommandResult::done);
   EXPECT_EQ(rig.send(CommandKind::sim_reset), CommandResult::done);
   rig.robot_.buses[0].kind = robot::BusKind::fdcanusb;
   rig.use_cell(nullptr);

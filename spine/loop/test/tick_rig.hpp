@@ -156,6 +156,13 @@ class TickBench {
     return send(command);
   }
 
+  // `disarm` or `reset`, until a joint that moved has been braked and the drives are off, as the supervisor waits.
+  CommandResult send_off(CommandKind kind) {
+    const CommandResult result = send(kind);
+    for (int left = static_cast<int>(4 * robot_.rate_hz); left > 0 && mode() == Mode::safe_stop; --left) tick();
+    return result;
+  }
+
   void arm_with(const LitheLaw& law) {
     stage(law);
     ticks(3);

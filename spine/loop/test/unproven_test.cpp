@@ -171,7 +171,7 @@ TEST_F(LawsTest, AnUnprovenLawThatStoppedTheRobotIsOnProbationAfterTheReset) {
     ASSERT_EQ(mode(), Mode::safe_stop) << time;
     ASSERT_EQ(static_cast<wire::Fault>(record_.fault), wire::Fault::law_faulted) << time;
     EXPECT_LT(error_rad, 4 * step::Probation::kLeastErrorRad) << "no more than the first time";
-    ASSERT_EQ(send(CommandKind::reset), CommandResult::done);
+    ASSERT_EQ(send_off(CommandKind::reset), CommandResult::done);
     ticks(500);
     ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
     ticks(400);

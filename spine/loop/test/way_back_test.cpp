@@ -103,13 +103,13 @@ class Rig : public RecoverBench {
     control_memory_->estop.value = 0;
     stage(kPdAll);
     ticks(3);
-    send(CommandKind::reset);
-    send(CommandKind::disarm);
+    send_off(CommandKind::reset);
+    send_off(CommandKind::disarm);
     ticks(ticks_in(0.02));
     if (arm_and_stay()) return true;
     if (!may_recover) {  // all there was
-      send(CommandKind::disarm);
-      send(CommandKind::reset);
+      send_off(CommandKind::disarm);
+      send_off(CommandKind::reset);
       ticks(ticks_in(0.02));
       return arm_and_stay();
     }

@@ -59,7 +59,8 @@ int list(const Context& context);
 int status(const Context& context);
 // Acts as the robot's Brain during the move.
 int move(const Context& context, const Motion& motion);
-int command(const Context& context, const std::string& verb);  // arm, disarm, hold, reset, sim_reset, shutdown
+// arm, disarm, hold, reset, sim_reset, shutdown
+int command(const Context& context, const std::string& verb, const control::Json& args = control::Json::object());
 int estop(const Context& context);
 // Brings joints inside their limits and waits until they are, or until the Spine says why not.
 int recover(const Context& context);

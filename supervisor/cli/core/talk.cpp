@@ -133,7 +133,9 @@ std::string cleaned_lines(const Json& from) { return lines_from(from, "cleaned",
 
 void print_command(const std::string& verb, const Json& result) {
   fmt::print("{}: mode {} at tick {}{}\n", verb, word(result, "mode"), result.value("tick", std::uint64_t{0}),
-             result.contains("law") ? fmt::format(", law {}", word(result, "law")) : "");
+             result.contains("law")    ? fmt::format(", law {}", word(result, "law"))
+             : result.contains("what") ? ": " + word(result, "what")
+                                       : "");
 }
 
 // `lithe agent`, `mcp`, `evolve`, `identify`, `incident plot`: modules of the Python package; `lithe sim`: lithe-sim.

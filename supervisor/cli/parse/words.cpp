@@ -119,7 +119,9 @@ void add_motion(CLI::App& app, CommandLine& words, const char* name, bool relati
 
 void add_motions(CLI::App& app, CommandLine& words) {
   add_command(app, words, kMotion, "arm", "switch the drives on; the law tracks the plan");
-  add_command(app, words, kMotion, "disarm", "switch the drives off");
+  add_verb(app, words, kMotion, "disarm", "brake to rest, then switch the drives off", [](CommandLine& w) {
+    return cli::command(w.context, "disarm", {{"now", w.now}});
+  })->add_flag("--now", words.now, "without braking: a moving joint coasts, or falls");
   add_command(app, words, kMotion, "hold", "stop the setpoint and hold, until lithe arm");
   add_command(app, words, kMotion, "reset", "leave a latched fault or e-stop, drives off");
   add_verb(app, words, kMotion, "recover",

@@ -29,6 +29,7 @@ struct CommandLine {
   std::vector<std::string> params;
   std::map<std::string, double> terms;  // of a swap, by the names of the verb's arguments
   bool no_promote = false;              // its shadow is only measured
+  bool now = false;                     // disarm without braking
   std::uint64_t since = 0;
   bool follow = false;
   std::string file;

@@ -38,8 +38,8 @@ int status(const Context& context) {
                 [&context](const Json& result) { fmt::print("{}", status_text(result, look_of(context))); });
 }
 
-int command(const Context& context, const std::string& verb) {
-  return finish(context, ask(context, verb, Json::object()), [&verb](const Json& result) {
+int command(const Context& context, const std::string& verb, const Json& args) {
+  return finish(context, ask(context, verb, args), [&verb](const Json& result) {
     if (verb == "shutdown")
       fmt::print("supervisor {} is stopping the robot\n", result.value("pid", 0));
     else

@@ -30,6 +30,7 @@ std::string way_to_active(wire::Mode mode, wire::Fault fault) {
     case wire::Mode::estop:
       return "when it is safe: lithe reset, then lithe arm";
     case wire::Mode::safe_stop:
+      if (fault == wire::Fault::none) return "it brakes, and is off then: wait a moment, then: lithe arm";
       return way_out_of(fault);
     case wire::Mode::recover:
       return "wait until every joint is inside (lithe status), then: lithe arm";
@@ -63,6 +64,12 @@ Refusal refused_by_estop(CommandKind kind) {
   return {code, message,
           kind == CommandKind::disarm ? "the law is off already; lithe reset leaves the e-stop with the drives off"
                                       : "when it is safe: lithe reset, then lithe arm"};
+}
+
+// The Spine brakes a moving joint first.
+bool switches_off(const wire::Command& command) {
+  const auto kind = static_cast<CommandKind>(command.kind);
+  return kind == CommandKind::disarm || kind == CommandKind::reset;
 }
 
 constexpr std::uint32_t kReportsFault = wire::joint_status::kFault | wire::joint_status::kWatchdog;
@@ -326,7 +333,7 @@ std::uint64_t Commands::send(wire::Command command, Callback callback, std::int6
     callback(Refusal{"busy", "the Spine has sixteen unread commands", "try again; if it stays so, lithe status"});
     return 0;
   }
-  pending_.push_back({command, *ticket, now_ns, 0, std::move(callback)});
+  pending_.push_back({command, *ticket, now_ns, 0, std::move(callback), moving()});
   return command.request_id;
 }
 
@@ -334,10 +341,34 @@ void Commands::refuse_all(const Refusal& reason) {
   for (; !pending_.empty(); pending_.pop_front()) pending_.front().callback(reason);
 }
 
-Json Commands::result_json(const wire::Telemetry& now) const {
-  return {{"mode", std::string(to_string(static_cast<wire::Mode>(now.mode)))},
-          {"fault", std::string(to_string(static_cast<wire::Fault>(now.fault)))},
-          {"tick", now.tick}};
+Json Commands::result_json(const Pending& done, const wire::Telemetry& now, std::int64_t now_ns) {
+  Json result = {{"mode", std::string(to_string(static_cast<wire::Mode>(now.mode)))},
+                 {"fault", std::string(to_string(static_cast<wire::Fault>(now.fault)))},
+                 {"tick", now.tick}};
+  if (!switches_off(done.command)) return result;
+  const auto [joint, rad_s] = done.moving;
+  if (joint.empty())
+    result["what"] = "no joint moved; the drives are off";
+  else if (done.command.count != 0)
+    result["what"] = fmt::format("off at once: joint {} moved at {:.2f} rad/s and was not braked", joint, rad_s);
+  else
+    result["what"] = fmt::format("braked joint {} from {:.2f} rad/s{}, {:.2f} s", joint, rad_s,
+                                 result["mode"] == "disarmed" ? " to rest, then off" : "; then an e-stop",
+                                 static_cast<double>(now_ns - done.sent_ns) * 1e-9);
+  return result;
+}
+
+Commands::Moving Commands::moving() const {
+  constexpr double kAtRestRadS = 0.05;  // as the guard's
+  const wire::Telemetry now = spine_.now();
+  const auto mode = static_cast<wire::Mode>(now.mode);
+  Moving fastest{"", kAtRestRadS};
+  if (mode == wire::Mode::disarmed || mode == wire::Mode::estop) return fastest;
+  for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
+    const double rad_s = std::abs(now.velocity_rad_s[j]);
+    if (rad_s >= fastest.rad_s) fastest = {joint_name(spine_.info(), j), rad_s};
+  }
+  return fastest;
 }
 
 void Commands::serve(std::int64_t now_ns) {
@@ -369,12 +400,15 @@ void Commands::serve(std::int64_t now_ns) {
       pending_.push_back(std::move(each));
     } else if (now.tick < each.seen_at_tick && in_time) {
       pending_.push_back(std::move(each));
+    } else if (switches_off(each.command) && static_cast<wire::Mode>(now.mode) == wire::Mode::safe_stop &&
+               now_ns - each.sent_ns < kBrakingNs) {
+      pending_.push_back(std::move(each));
     } else if (has_stopped(kind, now)) {
       each.callback(stopped_at_once(kind, now, spine_.info(), drives_ ? drives_() : DriveFacts{}));
     } else if (kind == CommandKind::arm && !all_driven(now) && now_ns - each.sent_ns < kDrivenNs) {
       pending_.push_back(std::move(each));
     } else {
-      each.callback(result_json(now));
+      each.callback(result_json(each, now, now_ns));
     }
   }
 }

@@ -48,6 +48,8 @@ class Commands {
   static constexpr std::int64_t kArmAgainNs = 200'000'000;
   // `arm` is answered when every drive has torque, or after this time: some drives fail only then.
   static constexpr std::int64_t kDrivenNs = 500'000'000;
+  // Longer than the Spine brakes before it switches the drives off.
+  static constexpr std::int64_t kBrakingNs = 4'000'000'000;
 
   Commands(SpineLink& spine, std::uint64_t first_request_id, std::function<DriveFacts()> drives = {})
       : spine_(spine), next_id_(first_request_id), drives_(std::move(drives)) {}
@@ -61,15 +63,22 @@ class Commands {
   bool waiting() const { return !pending_.empty(); }
 
  private:
+  // The fastest joint.
+  struct Moving {
+    std::string joint;
+    double rad_s = 0;
+  };
   struct Pending {
     wire::Command command;
     std::uint64_t ticket;
     std::int64_t sent_ns;
     std::uint64_t seen_at_tick;  // the first tick whose telemetry shows the effect; 0 = not answered yet
     Callback callback;
+    Moving moving;  // when it was sent
   };
 
-  Json result_json(const wire::Telemetry& now) const;
+  Moving moving() const;
+  static Json result_json(const Pending& done, const wire::Telemetry& now, std::int64_t now_ns);
 
   SpineLink& spine_;
   std::uint64_t next_id_;

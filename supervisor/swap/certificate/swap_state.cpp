@@ -7,6 +7,7 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <optional>
 #include <string_view>
 #include <utility>
 
@@ -40,28 +41,47 @@ bool may_follow(Stage from, Stage to) {
 
 double ms(std::int64_t duration_ns) { return static_cast<double>(duration_ns) * 1e-6; }
 
+// On which side of the robot file's value a term judges a law less strictly.
+enum class Looser { no, below, above };
+
 struct Argument {
   const char* name;
   double SwapTerms::* field;
   double least, most;
   bool or_zero;  // 0 switches it off, whatever `least` says
   const char* what;
+  Looser looser = Looser::no;
 };
 
 constexpr double kTickLimit = std::numeric_limits<double>::infinity();  // as long as one tick
 
 constexpr Argument kArguments[] = {
     {"blend_s", &SwapTerms::blend_s, 0.0, 5.0, true, "from the old law's torque to the new one's"},
-    {"probation_s", &SwapTerms::probation_s, 0.0, 60.0, true, "automatic rollback for so long, 0 = none"},
+    {"probation_s", &SwapTerms::probation_s, 0.0, 60.0, true, "automatic rollback for so long, 0 = none",
+     Looser::below},
     {"error_ratio", &SwapTerms::error_ratio, 1.0, 1e6, true,
-     "roll back when tracking gets so many times worse, 0 = never"},
+     "roll back when tracking gets so many times worse, 0 = never", Looser::above},
     {"shadow_s", &SwapTerms::shadow_s, 0.0, 60.0, true, "beside the active law first, 0 = no shadow"},
     {"shadow_tolerance_nm", &SwapTerms::shadow_tolerance_nm, 1e-9, 1e6, false, "largest difference that is agreement"},
-    {"budget_us", &SwapTerms::budget_us, 1.0, kTickLimit, false, "of one step"},
+    {"budget_us", &SwapTerms::budget_us, 1.0, kTickLimit, false, "of one step", Looser::above},
     {"box_ms", &SwapTerms::box_ms, 20.0, 5000.0, false, "processor time of the trial"},
 };
 
 constexpr const char* kPromote = "promote";
+
+// An agent keeps to the robot file's fences. 0 is the loosest: "none", "never".
+std::optional<Refusal> beyond_fence(const Argument& each, double value, double robots) {
+  const bool is_off = each.or_zero && value == 0.0, robots_is_off = each.or_zero && robots == 0.0;
+  const bool looser = each.looser == Looser::below   ? value < robots
+                      : each.looser == Looser::above ? !robots_is_off && (is_off || value > robots)
+                                                     : false;
+  if (!looser) return std::nullopt;
+  return Refusal{"no_permission",
+                 fmt::format("{} = {:g} is looser than the robot file's {:g} ({}): only a person may set that",
+                             each.name, value, robots, each.what),
+                 fmt::format("the running law is unchanged; leave {} out, or give {} {:g}", each.name,
+                             each.looser == Looser::below ? "at least" : "at most", robots)};
+}
 
 std::uint32_t ticks(double seconds, double rate_hz) {
   return seconds > 0 ? static_cast<std::uint32_t>(std::max(1.0, std::round(seconds * rate_hz))) : 0;
@@ -107,6 +127,8 @@ std::variant<SwapTerms, Refusal> read_terms(const Json& args, const SwapTerms& r
                                  each.or_zero ? "0 or " : "", each.least, most, each.what),
                      "the running law is unchanged; leave it out to use the robot file's value"};
     }
+    if (args.value("fenced", false))
+      if (auto refusal = beyond_fence(each, value, robot.*each.field)) return *refusal;
     terms.*each.field = value;
   }
   const Json promote = args.value(kPromote, Json());

@@ -33,6 +33,7 @@ struct SwapTerms {
 // The robot file's terms. The default shadow tolerance is a tenth of the smallest torque limit.
 SwapTerms terms_of(const robot::RobotConfig& robot, double rate_hz);
 
+// With `fenced` (true for agents) none may be looser than the robot file's.
 // The arguments of a request that are terms: blend_s probation_s error_ratio shadow_s shadow_tolerance_nm budget_us
 // box_ms promote. Others are ignored. A Refusal names the argument, its range and what it is for.
 std::variant<SwapTerms, Refusal> read_terms(const Json& args, const SwapTerms& robot, double rate_hz);

@@ -257,6 +257,25 @@ TEST(SwapTerms, WhatDoesNotFitIsRefusedByName) {
   }
 }
 
+TEST(SwapTerms, AnAgentKeepsToTheFencesOfTheRobotFile) {
+  for (const Json& looser : {Json{{"probation_s", 0}}, Json{{"probation_s", 0.99}}, Json{{"error_ratio", 0}},
+                             Json{{"error_ratio", 3.01}}, Json{{"budget_us", 301}}}) {
+    EXPECT_TRUE(std::holds_alternative<SwapTerms>(read_terms(looser, kTerms, 1000.0))) << "a person may";
+    Json args = looser;
+    args["fenced"] = true;
+    const auto read = read_terms(args, kTerms, 1000.0);
+    ASSERT_TRUE(std::holds_alternative<Refusal>(read)) << args.dump();
+    EXPECT_EQ(std::get<Refusal>(read).code, "no_permission");
+    EXPECT_TRUE(std::get<Refusal>(read).message.starts_with(looser.begin().key())) << std::get<Refusal>(read).message;
+  }
+  SwapTerms open = kTerms;
+  open.error_ratio = open.probation_s = 0;  // the file judges nothing
+  const Json stricter = {{"fenced", true}, {"probation_s", 1}, {"error_ratio", 2}, {"budget_us", 300}};
+  for (const SwapTerms& robots : {kTerms, open})
+    EXPECT_TRUE(std::holds_alternative<SwapTerms>(read_terms(stricter, robots, 1000.0)));
+  EXPECT_TRUE(std::holds_alternative<SwapTerms>(read_terms({{"fenced", true}, {"error_ratio", 0}}, open, 1000.0)));
+}
+
 TEST(SwapTerms, ZeroSwitchesOffWhatHasALeastValue) {
   const auto read = read_terms({{"error_ratio", 0}}, kTerms, 1000.0);
   ASSERT_TRUE(std::holds_alternative<SwapTerms>(read));
