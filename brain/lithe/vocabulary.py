@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
 from typing import Any
 
@@ -99,13 +99,24 @@ _LAW = {
     "source": _text("the whole law: C++ that includes <lithe/law.hpp>"),
     "name": _text("its name in diagnostics and certificate, for example pd.cpp"),
 }
+_TERMS = {
+    "shadow_s": _number("first computes beside the running law for this time", minimum=0),
+    "budget_us": _number("longest step", exclusiveMinimum=0),
+    "box_ms": _number("time of the trial", exclusiveMinimum=0),
+    "brief": _flag("true: less than 2 kB; the certificate is the document it names"),
+}
 _WAYPOINTS = _list(_NUMBERS, "one row per waypoint, one number per joint", maxItems=16)
 
-VERBS = (
+_VERBS = (
     Verb(
         "describe",
-        "The robot: rate, joints with limits and drives, sensors, what is simulated (inertia, friction, delay), "
-        "documents, time now; over TCP also every verb with its arguments.",
+        "The robot: rate, joints with limits and drives, sensors, documents, time now; over TCP also every verb with "
+        "its arguments.",
+    ),
+    Verb(
+        "sim_truth",
+        "The simulated plant, as the robot file states it: inertia, friction, delay, seed.",
+        tier=Tier.person,
     ),
     Verb("ping", "The supervisor's process id."),
     Verb(
@@ -161,6 +172,12 @@ VERBS = (
         "parameters changed since your last call, why, and what leads back.",
         args={"seconds": _number("how far back, at most 60 (default 4)", exclusiveMinimum=0)},
     ),
+    Verb(
+        "identify",
+        "The robot's parameters (inertia, gravity, friction; of a chain all links at once), each with its 95 % "
+        "interval, from the last seconds in mode active. Where they tell too little: `needs`, a motion that does.",
+        args={"seconds": _number("how far back (default 4); the Spine has 4096 ticks", exclusiveMinimum=0)},
+    ),
     Verb("state", "The running law's State, name -> value."),
     Verb("documents", "What there is to read: the contract of a law, rules, usual mistakes, laws, swaps so far."),
     Verb(
@@ -192,16 +209,22 @@ VERBS = (
             "blend_s": _number("from the old torque to the new one's", minimum=0),
             "probation_s": _number("automatic rollback during this time", minimum=0),
             "error_ratio": _number("how much worse tracking may get before the rollback", minimum=0),
-            "shadow_s": _number("first computes beside the running law for this time", minimum=0),
+            **_TERMS,
             "shadow_tolerance_nm": _number("how far it may differ meanwhile", minimum=0),
             "promote": _flag("false: it is only compared, for shadow_s, and never runs"),
-            "budget_us": _number("longest step", exclusiveMinimum=0),
-            "box_ms": _number("time of the trial", exclusiveMinimum=0),
-            "brief": _flag("true: less than 1 kB; the certificate is the document it names"),
             "wait": _flag("true (the default with brief): answers when its probation is over; false: at once"),
         },
         required=("source",),
         commands=("swap hold",),
+        tier=Tier.swap,
+    ),
+    Verb(
+        "shadow",
+        "Runs a law beside the running one, without effect, for shadow_s (default 2). `shadow_rms_nm`, "
+        "`shadow_most_nm`: how far its torques differ, per joint.",
+        Effect.moves,
+        args={**_LAW, "params": _VALUES, **_TERMS},
+        required=("source",),
         tier=Tier.swap,
     ),
     Verb(
@@ -277,19 +300,8 @@ VERBS = (
         first=True,
         tier=Tier.move,
     ),
-    Verb(
-        "reset",
-        "Clears an e-stop or a safe stop; the robot is disarmed then.",
-        Effect.moves,
-        first=True,
-        tier=Tier.move,
-    ),
-    Verb(
-        "sim_reset",
-        "Simulated robots only, disarmed: the joints go back to their start positions.",
-        Effect.moves,
-        tier=Tier.move,
-    ),
+    Verb("reset", "Clears e-stop or safe stop; the robot is disarmed then.", Effect.moves, first=True, tier=Tier.move),
+    Verb("sim_reset", "Disarmed simulated robots: the joints go back to their start.", Effect.moves, tier=Tier.move),
     Verb(
         "hold",
         "The setpoint slows down and rests; the law runs and keeps it there, until `arm`. No plan is followed.",
@@ -332,11 +344,18 @@ VERBS = (
     ),
     Verb("shutdown", "Stops robot and supervisor in order.", Effect.moves, commands=("stop",), tier=Tier.person),
 )
+_DRY = {"dry_run": _flag("true: what would happen, or why it would be refused; nothing changes")}
+VERBS = tuple(
+    each if each.effect is Effect.reads or each.name == "estop" else replace(each, args={**each.args, **_DRY})
+    for each in _VERBS
+)
 BY_NAME = {each.name: each for each in VERBS}
 
 
 def tier_of(verb: Verb, args: dict[str, Any]) -> Tier:
     """Who may use it with these arguments."""
+    if args.get("dry_run") and "dry_run" in verb.args:
+        return Tier.observe
     if verb.name == "disarm" and args.get("now"):
         return Tier.person
     takes = verb.name == "lease" and (args.get("take") or "seconds" in args)  # it keeps others from moving

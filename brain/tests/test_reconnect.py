@@ -124,7 +124,17 @@ def test_a_place_taken_by_another_brain_is_not_taken_back(rig: RobotRig, brain: 
 
 def test_the_gateways_own_process_goes_on_with_the_new_robot(rig: RobotRig) -> None:
     token_file = rig.dir / "token"
-    command = [sys.executable, "-m", "lithe.gateway", "--port", "0", "--tier", "person", "--token-file", str(token_file)]
+    command = [
+        sys.executable,
+        "-m",
+        "lithe.gateway",
+        "--port",
+        "0",
+        "--tier",
+        "person",
+        "--token-file",
+        str(token_file),
+    ]
     env = rig.env | {"PYTHONPATH": str(Path(lithe.__file__).parents[1])}
     with subprocess.Popen(command, stdout=-1, env=env, text=True) as gateway:
         try:

@@ -236,7 +236,7 @@ void Verbs::set_params(const ReplyTo& to, const Json& args) {
     if (Json* params = std::get_if<Json>(&out)) params->update(done);
     return out;
   };
-  parts_.swaps.set_params(values, later(to, params_of), monotonic_ns());
+  parts_.swaps.set_params(values, args.value("dry_run", false), later(to, params_of), monotonic_ns());
 }
 
 void Verbs::swap_law(const ReplyTo& to, const Json& args) {
@@ -244,6 +244,7 @@ void Verbs::swap_law(const ReplyTo& to, const Json& args) {
   request.terms = value_of(parts_.swaps.read_terms(args));
   request.client = to.client;
   request.supersede = args.value("supersede", false);
+  request.dry_run = args.value("dry_run", false);
   parts_.swaps.submit(std::move(request), later(to), monotonic_ns());
 }
 

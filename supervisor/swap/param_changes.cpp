@@ -94,7 +94,7 @@ void put_params(const Json& params, const Json& law, wire::StageRequest& request
   }
 }
 
-void ParamChanges::set(const Json& values, Callback callback, std::int64_t now_ns) {
+void ParamChanges::set(const Json& values, bool dry_run, Callback callback, std::int64_t now_ns) {
   const auto law = help_.spine.running_law();
   if (!law) return callback(no_law());
   const auto command = params_command(values, law->info);
@@ -105,8 +105,16 @@ void ParamChanges::set(const Json& values, Callback callback, std::int64_t now_n
   }
   Change change{next_number_++, *law, values, std::get<wire::Command>(command), std::move(callback)};
   change.record = {{"change", change.number}, {"asked_ns", now_ns}, {"verdict", "submitted"}, {"values", values}};
+  change.dry_run = dry_run;
   waiting_.push_back(std::move(change));
   if (waiting_.size() == 1) begin();
+}
+
+Json ParamChanges::result_of(const Change& change) {
+  Json result = Json::object();
+  for (const char* key : {"change", "trial_ms", "warnings"})
+    if (change.record.contains(key)) result[key] = change.record[key];
+  return result;
 }
 
 ParamChanges::Change* ParamChanges::head(std::uint64_t number) {
@@ -172,6 +180,7 @@ void ParamChanges::tried(std::uint64_t number, const Answer& answer) {
 }
 
 void ParamChanges::send(Change& change) {
+  if (change.dry_run) return settle(result_of(change));
   keep(change, "sent");
   const std::uint64_t number = change.number;
   const std::uint64_t id = help_.commands.send(
@@ -187,14 +196,13 @@ void ParamChanges::answered(std::uint64_t number, const Answer& answer) {
   if (change->record["verdict"] == "sent")  // its event was lost
     keep(*change, "taken");
   help_.laws.passed_again(change->law.info.request_id, merged(change->law.values, change->values), change->trial);
-  Json result = Json::object();
-  for (const char* key : {"change", "trial_ms", "warnings"})
-    if (change->record.contains(key)) result[key] = change->record[key];
+  const Json result = result_of(*change);
   help_.log.note(change->law.info.request_id, "params_set", in_words(change->values, change->law.values));
   settle(result);
 }
 
 void ParamChanges::refuse(Change& change, const Refusal& refusal) {
+  if (change.dry_run) return settle(refusal);
   Json told = refusal.to_json();
   told.erase("detail");
   change.record["error"] = std::move(told);

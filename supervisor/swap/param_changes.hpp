@@ -55,7 +55,7 @@ class ParamChanges {
 
   // Answers {"change" (its number), "trial_ms", "warnings"} once the values are in force. Refused with
   // trial_failed: the old values stay.
-  void set(const Json& values, Callback callback, std::int64_t now_ns);
+  void set(const Json& values, bool dry_run, Callback callback, std::int64_t now_ns);
   void on_event(const wire::Event& event);
   void refuse_all(const Refusal& reason);
   // The newest change that was tried, with its law; null before the first.
@@ -71,12 +71,14 @@ class ParamChanges {
     Json record = Json::object();
     Json trial = Json::object();  // the report of the trial
     std::uint64_t command_id = 0;
+    bool dry_run = false;  // it ends after the trial, and is kept nowhere
   };
   struct Past {
     std::uint64_t request_id = 0;
     std::map<std::uint64_t, Json> records;  // by number, so oldest first
   };
 
+  static Json result_of(const Change& change);
   Change* head(std::uint64_t number);
   void begin();
   void tried(std::uint64_t number, const Answer& answer);

@@ -115,8 +115,8 @@ class ParamChangesTest : public SpineRig {
     live.value[1] = kd;
     ipc::ChannelWriter<wire::Params>((*spine_)->params).write(live);
   }
-  void set(const Json& values) {
-    changes_->set(values, [this](const Answer& answer) { answers_.push_back(answer); }, monotonic_ns());
+  void set(const Json& values, bool dry_run = false) {
+    changes_->set(values, dry_run, [this](const Answer& answer) { answers_.push_back(answer); }, monotonic_ns());
   }
   bool reaches_the_spine() {
     std::uint64_t ticket = 0;
@@ -177,6 +177,16 @@ TEST_F(ParamChangesTest, ValuesThatFailTheTrialNeverReachTheSpine) {
   EXPECT_EQ(kept_[0]["verdict"], "refused");
   EXPECT_EQ(kept_[0]["before"]["kp"], 2.0);
   EXPECT_EQ(changes_->last()["law"], "spring");
+}
+
+TEST_F(ParamChangesTest, ADryRunIsTriedAndKeptNowhere) {
+  set({{"kp", 3.0}}, true);
+  set({{"kp", -3.0}}, true);
+  wait_for([&] { return answers_.size() == 2; });
+  EXPECT_GT(std::get<Json>(answers_[0])["trial_ms"], 0.0);
+  EXPECT_EQ(refusal(1).code, "trial_failed");
+  EXPECT_FALSE(reaches_the_spine());
+  EXPECT_TRUE(kept_.empty());
 }
 
 TEST_F(ParamChangesTest, ValuesThatPassAreSetAndFollowedUntilTheyAreProven) {

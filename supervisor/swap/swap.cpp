@@ -97,6 +97,7 @@ Sequence Swaps::swap_law(SwapState& swap) {
                      std::holds_alternative<Json>(line) ? at_line(*no, std::get<Json>(line)) : std::get<Refusal>(line));
   }
   swap.mark(Stage::tried, std::get<std::string>(how), now_ns());
+  if (swap.request().dry_run) co_return refuse(swap, {"dry_run", "it passed every gate, and was only tried", ""});
 
   // -> staged: the Loader checks and warms it, and offers it to the tick. From here on the Spine has the law: what is
   // given up may still be committed.

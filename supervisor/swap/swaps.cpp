@@ -69,7 +69,8 @@ Swaps::Swaps(const Helpers& helpers, CertificateFiles book, std::uint64_t first_
       next_id_(first_request_id) {}
 
 std::variant<SwapTerms, Refusal> Swaps::read_terms(const Json& args) const {
-  constexpr std::array<std::string_view, 5> kOtherArguments{"source", "name", "params", "supersede", "fenced"};
+  constexpr std::array<std::string_view, 6> kOtherArguments{"source",    "name",   "params",
+                                                            "supersede", "fenced", "dry_run"};
   for (const auto& [name, value] : args.items())
     if (!is_term(name) && std::ranges::find(kOtherArguments, name) == kOtherArguments.end())
       return Refusal{"usage", fmt::format("swap has no argument '{}'", name), "see docs/reference/verbs.md"};

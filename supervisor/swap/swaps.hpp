@@ -56,9 +56,10 @@ class Swaps {
   // The robot file's terms, changed by the arguments of the request.
   std::variant<SwapTerms, Refusal> read_terms(const Json& args) const;
   void submit(SwapRequest request, Callback callback, std::int64_t now_ns);
-  // Parameter changes of the running law. They pass the trial too, and are recorded in the law's certificate.
-  void set_params(const Json& values, Callback callback, std::int64_t now_ns) {
-    params_.set(values, std::move(callback), now_ns);
+  // Parameter changes of the running law. They pass the trial too, and are recorded in the law's certificate; with
+  // `dry_run` they are only tried.
+  void set_params(const Json& values, bool dry_run, Callback callback, std::int64_t now_ns) {
+    params_.set(values, dry_run, std::move(callback), now_ns);
   }
   void on_event(const wire::Event& event, std::int64_t now_ns);
   void serve(std::int64_t now_ns);

@@ -36,12 +36,13 @@ import numpy as np
 from .._wire import Mode
 from ..certificates import params_with_verdict, with_verdict
 from ..errors import LitheError, NotRunning, Refused
+from ..identify import live
 from ..robot import Robot
 from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, Tier, check_names, nearest, tier_of
-from . import changes, documents, happened
+from . import changes, documents, dry, happened
 from .answers import Encoded, encode, in_the_words_of_verbs, refusal, refused_by
-from .brief import brief, brief_detail, brief_params
+from .brief import brief, brief_detail, brief_params, diff
 from .changes import LawWatch, unproven
 from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
@@ -55,6 +56,7 @@ from .turns import Turns
 
 __all__ = ["Gateway", "encode", "write_token"]
 
+SHADOW_S = 2.0
 MOST_CLIENTS = 32  # each may keep a connection to the supervisor, which serves 64
 FIRST = frozenset(each.name for each in VERBS if each.first)  # they move or stop the robot
 Verb = Callable[[dict[str, Any]], Any]
@@ -106,11 +108,14 @@ class Gateway:
             "measure": self.records.measure,
             "publish": self._publish,
             "swap": self._swap,
+            "shadow": lambda args: self._swap({"shadow_s": SHADOW_S, **args, "promote": False}),
+            "identify": self._identify,
             "estop": lambda _: robot.estop(),
             "reset": lambda _: robot.reset(),
             "state": lambda _: robot.state(),
             "documents": lambda _: {"documents": documents.listed()},
             "document": self._document,
+            "sim_truth": lambda _: self._sim_truth(),
             "events": lambda args: happened.told(robot.call("events", **happened.asked(args)), args),
             "set_reference": self._set_reference,
             "reference": lambda _: self.references.told(),
@@ -202,7 +207,10 @@ class Gateway:
             # What stops the robot is never refused for an argument too many.
             if known.effect is not Effect.stops:
                 check_names(known, args)
-        self._may(verb, args)
+        ours = own is self._ours.get(verb)
+        self._may(verb, args, ours)
+        if ours and verb in BY_NAME and "dry_run" in BY_NAME[verb].args and args.pop("dry_run", False):
+            return self._dry_run(verb, args)
         if verb in BY_NAME and BY_NAME[verb].effect is Effect.moves:
             self.lease.moves(self._asking.client)
         if verb not in changes.TELL:
@@ -225,9 +233,10 @@ class Gateway:
         client: Peer | None = self._asking.client
         return client.tier if client is not None else Tier.observe
 
-    def _may(self, verb: str, args: dict[str, Any]) -> None:
-        """Raises Refused when the client's token does not permit it."""
-        needed = tier_of(BY_NAME[verb], args) if verb in BY_NAME else Tier.move
+    def _may(self, verb: str, args: dict[str, Any], ours: bool) -> None:
+        """Raises Refused when the client's token does not permit it. An application's own verb knows no dry_run."""
+        words = args if ours else {key: value for key, value in args.items() if key != "dry_run"}
+        needed = tier_of(BY_NAME[verb], words) if verb in BY_NAME else Tier.move
         if needed > self._tier:
             raise Refused(
                 "no_permission",
@@ -259,7 +268,7 @@ class Gateway:
             raise NotRunning(f"robot '{self.robot.name}' has ended, or was started again")
         info = self.robot.spine.info
         names, sensors = self.robot.spine.joint_names, self.robot.spine.sensor_names
-        robot_file = Path(_text(info["config_path"]))
+        robot_file = self._robot_file()
         drives, kinds = parts_of(robot_file)
         groups = np.array(info["joint_group"]).reshape(-1)
         limits = ("position_min_rad", "position_max_rad", "velocity_max_rad_s", "torque_max_nm", "torque_slew_nm_s")
@@ -278,7 +287,6 @@ class Gateway:
             "chain": chain_of(robot_file),
             "sensors": sensors,
             "sensor_kinds": {name: kinds.get(name) for name in sensors},
-            "simulation": simulation_of(robot_file),
             "documents": [each["name"] for each in documents.listed()],
             "tier": self._tier.name,
             "verbs": [each.described() for each in VERBS],
@@ -286,12 +294,44 @@ class Gateway:
             "now_ns": time.monotonic_ns(),
         }
 
+    def _sim_truth(self) -> Any:
+        truth = simulation_of(self._robot_file())
+        if truth is None:
+            raise Refused("not_simulated", "no joint is simulated by the Spine, or the robot file is gone")
+        return truth
+
+    def _robot_file(self) -> Path:
+        return Path(_text(self.robot.spine.info["config_path"]))
+
     def _set_reference(self, args: dict[str, Any]) -> Any:
         return self.references.set(args, self._asking.client) | unproven(self.robot)
+
+    def _dry_run(self, verb: str, args: dict[str, Any]) -> Any:
+        told = dry.told(self.robot, self.references, verb, args, self._tier)
+        lease = self.lease.told(self._asking.client)
+        if BY_NAME[verb].effect is Effect.moves and lease["holder"] and not lease["yours"]:
+            told["leased_by"] = lease["holder"]
+        return told | (self._diff(args) if verb in ("swap", "shadow") else {})
+
+    def _diff(self, args: dict[str, Any]) -> dict[str, Any]:
+        """The law of a swap beside the one that runs; {}: its text is not known."""
+        with contextlib.suppress(LitheError):
+            resident = self.robot.call("law_list")["resident"]
+            name = next((each["source"] for each in resident if each["active"] and each.get("source")), "")
+            if name:
+                return {"diff": diff(self._document({"name": name})["text"], str(args.get("source", "")))}
+        return {}
+
+    def _identify(self, args: dict[str, Any]) -> Any:
+        with self.turns.long_answer():
+            records = self.robot.telemetry.history(float(args.get("seconds", 4.0)))
+            names, chain = self.robot.spine.joint_names, chain_of(self._robot_file())
+            return live.identified(records, names, chain, self.references.limits())
 
     def _swap(self, args: dict[str, Any]) -> Any:
         short = bool(args.pop("brief", False))
         wait = bool(args.pop("wait", short))
+        differs = self._diff(args)
         try:
             certificate = self.robot.call("swap", **args, fenced=self._tier < Tier.person)
         except Refused as error:
@@ -300,7 +340,7 @@ class Gateway:
             raise
         if wait:
             certificate = with_verdict(self.robot, certificate, self._wants_more)
-        return brief(certificate) if short else certificate
+        return (brief(certificate) if short else certificate) | differs
 
     def _wants_more(self) -> bool:
         """Whether the client that waits for a verdict has asked for a stop meanwhile; else it is not silent."""

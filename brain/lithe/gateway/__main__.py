@@ -65,9 +65,7 @@ def main() -> int:
         print(f"lithe.gateway: {error}")
         return 1
     gateway.start()
-    print(
-        f"robot {robot.name} at {args.host}:{gateway.port}, token in {args.token_file}", flush=True
-    )
+    print(f"robot {robot.name} at {args.host}:{gateway.port}, token in {args.token_file}", flush=True)
     with contextlib.suppress(KeyboardInterrupt):
         while True:
             time.sleep(0.2)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 from typing import Any
@@ -11,6 +12,7 @@ Json = dict[str, Any]
 MOST_BYTES = 1000
 MOST_JOINTS_BYTES = 450  # so that a robot with many joints leaves room for warnings
 MOST_ERROR_BYTES = 500
+MOST_DIFF_BYTES = 800
 CUT = "..."
 # In this order, as long as there is room.
 FIRST = (
@@ -136,6 +138,14 @@ def brief(certificate: Json) -> Json:
     """Less than 1 kB of JSON."""
     told: Json = beginning(_rounded(_parts(certificate)), MOST_BYTES - 1) or {}
     return told
+
+
+def diff(running: str, new: str) -> Json:
+    """What the new law has in place of the running one: the lines that differ, as many as fit, and their number."""
+    told = list(difflib.unified_diff(running.splitlines(), new.splitlines(), lineterm="", n=0))[2:]
+    lines = [line for line in told if not line.startswith("@@")]
+    kept = beginning(lines, MOST_DIFF_BYTES) or []
+    return {"lines": len(lines), "text": kept}
 
 
 def brief_detail(detail: Json) -> Json:

@@ -80,8 +80,12 @@ def _effective(joints: Table) -> Table | None:
 
 
 def chain_of(robot_file: Path) -> Table | None:
-    """What lithe.identify must know of a chain of links; None: the joints are none, or the file is no longer there."""
+    """Names, lengths and gravity, as lithe.identify takes them; None: no chain of links, or the file is gone.
+
+    Nothing that a person with a tape measure would not know: friction and cogging are for the motion to tell.
+    """
     try:
-        return asdict(describe(robot_file))
+        told = asdict(describe(robot_file))
+        return {key: told[key] for key in ("names", "length_m", "gravity_m_s2")}
     except LitheError:
         return None

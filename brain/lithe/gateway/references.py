@@ -152,11 +152,12 @@ class References:
             list(spine.joint_names), each["position_min_rad"], each["position_max_rad"], each["velocity_max_rad_s"]
         )
 
-    def set(self, args: dict[str, Any], owner: object = None) -> dict[str, Any]:
+    def set(self, args: dict[str, Any], owner: object = None, dry_run: bool = False) -> dict[str, Any]:
         """Starts a reference: `kind` and its arguments (docs/agents.md); returns what runs. Refused when it would leave
         a limit, and when the Spine does not follow it: then the one before goes on.
 
         stay: it goes on without its client. client_stale_s: without it, it ends after this time without a word.
+        dry_run: it is only checked; returns its ramp_s.
         """
         joints = self._robot.spine.joint_count
         kind, stay = str(args.get("kind", "")), bool(args.get("stay", False))
@@ -175,6 +176,8 @@ class References:
             ramp_s = max(ramp_s, least_ramp_s(curve, start_rad, limits))
         made = Reference(time.monotonic_ns(), start_rad, speed_rad_s, curve, ramp_s, dict(args))
         check(made, limits)
+        if dry_run:
+            return {"ramp_s": round(ramp_s, 3)}
         with self._publishing:
             self._begin(made)
             with self._lock:

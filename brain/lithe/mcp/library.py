@@ -33,7 +33,7 @@ PROMPTS = {  # its words, what `about` is, its text
         "Read lithe://contract and lithe://rules. " + MOVE + "After 10 s fetch `history` (seconds 6, every 20, fields "
         "release_ns, position_rad, velocity_rad_s, torque_nm). Where `describe` tells a chain, each joint moves the "
         "others: lithe://chain has the equations, fit all joints at once (C, mu and R of each link, friction), and let "
-        "the law compute them at the setpoint; of a simulated robot its simulation.effective has C, mu and R. Else fit "
+        "the law compute them at the setpoint. Else fit "
         "for each joint by least squares torque_nm = inertia * acceleration + viscous * velocity + coulomb * "
         "sign(velocity) + gravity * sin(position) + offset; the acceleration is the difference of two velocities by "
         "their release_ns. Do not trust a value that is negative, that changes much between two windows, or of a joint "

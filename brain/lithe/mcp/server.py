@@ -183,8 +183,10 @@ class Server:
                 f"next: ask the person to run `python -m lithe.mcp allow --tier {needed.name} --minutes 15`",
                 error=True,
             )
+        if verb.name in ("swap", "shadow"):  # a model reads it all
+            args = {"brief": True, **args}
         if verb.name == "swap":
-            args = {"brief": True, "wait": True, **args}  # a model reads it all
+            args = {"wait": True, **args}
         if verb.name == "set_params":
             args = {"wait": True, **args}
         asked_to_stay = verb.name == "set_reference" and bool(args.get("stay"))
@@ -195,6 +197,9 @@ class Server:
                 picture = plots.drawn(args["name"], self._call)
                 return {"content": [{"type": "image", "data": picture, "mimeType": plots.TYPE}], "isError": False}
             result = self._fitting_history(args) if verb.name == "history" else self._call(verb.name, args)
+            if isinstance(result, dict) and result.get("dry_run"):
+                needed = tier_of(verb, {key: value for key, value in args.items() if key != "dry_run"})
+                result |= {"needs_tier": needed.name} if needed > given else {}
             if verb.name == "set_reference" and "since_ns" in result:
                 self._ends_with_the_permission(result)
                 if asked_to_stay:

@@ -23,7 +23,7 @@ WRONG_NAMES = "\n".join(f"    u.torque_nm[0] += there_is_no_name_like_number_{nu
 def test_a_short_answer_has_the_verdict_and_old_law_beside_new(remote: Remote) -> None:
     remote.call("set_reference", **SINE)
     told = remote.call("swap", source=PD, name="pd.cpp", params={"kp_nm_rad": 8.0}, brief=True)
-    assert told["verdict"] in KEPT and len(json.dumps(told)) < MOST_BYTES, told
+    assert told["verdict"] in KEPT and len(json.dumps(told)) < 2000, told
     (joint,) = told["joints"].items()
     errors = joint[1]["rms_error_rad"]
     assert joint[0] == "shoulder" and set(errors) == {"old", "new", "predicted", "new_late"}
@@ -43,11 +43,12 @@ def test_a_short_answer_says_why_a_law_was_rolled_back_and_what_next(remote: Rem
     remote.call("set_reference", **SINE)
     assert remote.call("swap", source=PD, name="pd.cpp", brief=True)["verdict"] in KEPT
     told = remote.call("swap", source=PD, name="limp.cpp", params={"kp_nm_rad": 0.0}, brief=True)
-    assert told["verdict"] == "rolled_back" and len(json.dumps(told)) < MOST_BYTES, told
+    assert told["verdict"] == "rolled_back" and len(json.dumps(told)) < 2000, told
     assert told["rolled_back"]["why"].startswith("tracking_lost: joint shoulder") and told["rolled_back"]["next"], told
     errors = told["joints"]["shoulder"]["rms_error_rad"]
     assert errors["new"] > errors["old"], told
     row = json.loads(remote.call("document", name="swaps")["text"])[-1]
+    told.pop("diff")
     assert row == told, "the document of all swaps says the same"
 
 

@@ -22,10 +22,10 @@ PD = (ROOT / "laws/pd.cpp").read_text()
 # What a verb needs, said once more, by hand. All others need nothing.
 NEEDS = {
     "set_params": Tier.tune, "revert_params": Tier.tune,
-    "swap": Tier.swap, "rollback": Tier.swap, "activate": Tier.swap,
+    "swap": Tier.swap, "shadow": Tier.swap, "rollback": Tier.swap, "activate": Tier.swap,
     "publish": Tier.move, "set_reference": Tier.move, "arm": Tier.move, "recover": Tier.move, "reset": Tier.move,
     "sim_reset": Tier.move,
-    "shutdown": Tier.person,
+    "shutdown": Tier.person, "sim_truth": Tier.person,
 }  # fmt: skip
 # Arguments that need more than the verb alone.
 MORE: list[tuple[str, dict[str, Any], Tier]] = [

@@ -279,7 +279,7 @@ def test_wrong_names_of_arguments_are_named() -> None:
         check_names(BY_NAME["swap"], {"source": "x", "probation": 1})
     assert wrong.value.code == "usage" and wrong.value.next.startswith("did you mean 'probation_s'?")
     with pytest.raises(Refused) as wrong:
-        check_names(BY_NAME["arm"], {"now": 1})
+        check_names(BY_NAME["estop"], {"now": 1})
     assert wrong.value.next == "it takes none"
     assert nearest("statis", BY_NAME).startswith("did you mean 'status'?")
 

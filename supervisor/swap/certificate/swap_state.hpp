@@ -74,6 +74,7 @@ struct SwapRequest {
   SwapTerms terms = {};
   std::uint64_t client = 0;  // 0 = no client
   bool supersede = false;    // replaces this client's waiting request of the same name
+  bool dry_run = false;      // ends, refused, when the trial has passed
 };
 
 // The result of the compile service.

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`dry_run`: what a verb would do now, or why it would be refused. Nothing changes.
+
+A law or parameters pass every gate and the trial of the supervisor; the modes are compared with the newest record.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .._wire import Fault, Mode
+from ..errors import Refused
+from ..robot import Robot
+from ..vocabulary import BY_NAME, Tier, tier_of
+from .brief import brief_detail
+from .references import References
+
+Json = dict[str, Any]
+OFF = "moving joints are braked to rest, then the drives are off"
+# Verb -> modes in which it has an effect, and which.
+MODES: dict[str, tuple[tuple[Mode, ...], str]] = {
+    "arm": ((Mode.disarmed, Mode.hold, Mode.active, Mode.recover), "torque on: the law runs from the next tick"),
+    "hold": ((Mode.active, Mode.hold), "the setpoint slows down and rests; the law runs on"),
+    "disarm": (tuple(mode for mode in Mode if mode is not Mode.estop), OFF),
+    "recover": (
+        (Mode.disarmed, Mode.safe_stop, Mode.recover),
+        "joints outside their limits are brought inside, slowly and without a law",
+    ),
+    "sim_reset": ((Mode.disarmed,), "the simulated joints go back to their start positions"),
+    "reset": (tuple(Mode), f"the fault is cleared; {OFF}"),
+    "shutdown": (tuple(Mode), f"{OFF}; then robot and supervisor end"),
+    "stop_reference": (tuple(Mode), "the reference comes to rest within 0.5 s"),
+}
+
+
+def told(robot: Robot, references: References, verb: str, args: Json, tier: Tier) -> Json:
+    """Of a client whose token has `tier`: `would` or `refused`."""
+    record = robot.telemetry.latest()
+    mode, fault = (
+        (Mode.disarmed, Fault.none) if record is None else (Mode(int(record["mode"])), Fault(int(record["fault"])))
+    )
+    answer: Json = {"dry_run": True, "verb": verb, "mode": mode.name}
+    if (needed := tier_of(BY_NAME[verb], args)) > tier:
+        answer["needs_tier"] = needed.name
+    try:
+        return answer | _would(robot, references, verb, args, mode, fault, tier)
+    except Refused as refusal:
+        told = {"code": refusal.code, "message": refusal.message, "next": refusal.next}
+        return answer | {"refused": told | ({"detail": brief_detail(refusal.detail)} if refusal.detail else {})}
+
+
+def _would(robot: Robot, references: References, verb: str, args: Json, mode: Mode, fault: Fault, tier: Tier) -> Json:
+    if verb in ("swap", "shadow"):
+        return _swap(robot, args, tier)
+    if verb == "set_params":
+        tried = robot.call("set_params", **{k: v for k, v in args.items() if k != "wait"}, dry_run=True)
+        kept = {key: tried[key] for key in ("trial_ms", "warnings") if key in tried}
+        return {"would": "the values passed the trial, and would be in force from one tick on", **kept}
+    if verb == "set_reference":
+        return {"would": "it starts, faded in from where the joints are", **references.set(args, dry_run=True)}
+    if verb == "publish":
+        _check_plan(references, args)
+        return {"would": "the Spine gets the plan; it checks times and speeds between its waypoints itself"}
+    if verb in ("rollback", "activate"):
+        law = _law_after(robot.call("law_list")["resident"], verb, args)
+        return {"would": f"law '{law['law']}' runs from the next tick, with its state", "law_id": law["law_id"]}
+    if verb == "revert_params":
+        last = robot.call("status")["last_params"] or {}
+        if not last.get("before"):
+            raise Refused("refused_law", "no parameter was changed under this law", "set_params changes them")
+        return {"would": f"these values again: {last['before']}"}
+    modes, would = MODES[verb]
+    latched = fault is not Fault.none
+    if mode not in modes or (verb == "arm" and latched and mode is Mode.disarmed) or (verb == "reset" and not latched):
+        words = f"cannot {verb} in mode {mode.name} with fault {fault.name}"
+        raise Refused("refused_mode", words, "status says what leads on")
+    return {"would": would}
+
+
+def _swap(robot: Robot, args: Json, tier: Tier) -> Json:
+    try:
+        args = {key: value for key, value in args.items() if key not in ("brief", "wait")}
+        robot.call("swap", **args, fenced=tier < Tier.person, dry_run=True)
+    except Refused as end:
+        if end.code != "dry_run":
+            raise
+        certificate: Any = end.detail.get("swap") or {}
+        trial = certificate.get("trial") or {}
+        found = {key: trial[key] for key in ("hints", "warnings") if trial.get(key)}
+        return {"would": "the law passed compiler, admission and trial; it would run from the next tick", **found}
+    raise Refused("error", "the supervisor does not know dry_run", "build both from the same source")
+
+
+def _check_plan(references: References, args: Json) -> None:
+    limits = references.limits()
+    rows = np.atleast_2d(np.asarray(args["position_rad"], dtype=np.float64))
+    if rows.shape != (len(args["t_ns"]), len(limits.names)):
+        raise Refused("refused_plan", f"position_rad has the shape {rows.shape}", "a row for each time, all joints")
+    for joint, name in enumerate(limits.names):
+        for value in rows[:, joint]:
+            if not limits.least_rad[joint] <= value <= limits.most_rad[joint]:
+                least, most = limits.least_rad[joint], limits.most_rad[joint]
+                words = f"joint '{name}': {value:.3f} rad, its limits are {least:.3f} and {most:.3f} rad"
+                raise Refused("refused_plan", words, "keep waypoints inside the limits")
+
+
+def _law_after(resident: list[Json], verb: str, args: Json) -> Json:
+    running = next((law["law_id"] for law in resident if law["active"]), 0)
+    earlier = sorted((law for law in resident if law["law_id"] <= running), key=lambda law: -int(law["law_id"]))
+    if verb == "rollback":
+        earlier, steps = earlier[1:], int(args.get("steps", 1))
+        if not 1 <= steps <= len(earlier):
+            raise Refused("refused_law", f"there are {len(earlier)} laws to go back to", "law_list has them")
+        return earlier[steps - 1]
+    found = [law for law in earlier if args["law"] in (law["law"], law["law_id"])]
+    if not found:
+        raise Refused("unknown_law", f"no law {args['law']!r} ran before and is loaded", "law_list has them")
+    return found[0]
