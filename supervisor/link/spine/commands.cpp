@@ -66,12 +66,6 @@ Refusal refused_by_estop(CommandKind kind) {
                                       : "when it is safe: lithe reset, then lithe arm"};
 }
 
-// The Spine brakes a moving joint first.
-bool switches_off(const wire::Command& command) {
-  const auto kind = static_cast<CommandKind>(command.kind);
-  return kind == CommandKind::disarm || kind == CommandKind::reset;
-}
-
 constexpr std::uint32_t kReportsFault = wire::joint_status::kFault | wire::joint_status::kWatchdog;
 
 // What the Spine said last of this drive: "drive 'knee_drive': REASON; drive 'toe_drive': REASON".
@@ -341,36 +335,6 @@ void Commands::refuse_all(const Refusal& reason) {
   for (; !pending_.empty(); pending_.pop_front()) pending_.front().callback(reason);
 }
 
-Json Commands::result_json(const Pending& done, const wire::Telemetry& now, std::int64_t now_ns) {
-  Json result = {{"mode", std::string(to_string(static_cast<wire::Mode>(now.mode)))},
-                 {"fault", std::string(to_string(static_cast<wire::Fault>(now.fault)))},
-                 {"tick", now.tick}};
-  if (!switches_off(done.command)) return result;
-  const auto [joint, rad_s] = done.moving;
-  if (joint.empty())
-    result["what"] = "no joint moved; the drives are off";
-  else if (done.command.count != 0)
-    result["what"] = fmt::format("off at once: joint {} moved at {:.2f} rad/s and was not braked", joint, rad_s);
-  else
-    result["what"] = fmt::format("braked joint {} from {:.2f} rad/s{}, {:.2f} s", joint, rad_s,
-                                 result["mode"] == "disarmed" ? " to rest, then off" : "; then an e-stop",
-                                 static_cast<double>(now_ns - done.sent_ns) * 1e-9);
-  return result;
-}
-
-Commands::Moving Commands::moving() const {
-  constexpr double kAtRestRadS = 0.05;  // as the guard's
-  const wire::Telemetry now = spine_.now();
-  const auto mode = static_cast<wire::Mode>(now.mode);
-  Moving fastest{"", kAtRestRadS};
-  if (mode == wire::Mode::disarmed || mode == wire::Mode::estop) return fastest;
-  for (std::size_t j = 0; j < std::min<std::size_t>(now.joint_count, wire::kNj); ++j) {
-    const double rad_s = std::abs(now.velocity_rad_s[j]);
-    if (rad_s >= fastest.rad_s) fastest = {joint_name(spine_.info(), j), rad_s};
-  }
-  return fastest;
-}
-
 void Commands::serve(std::int64_t now_ns) {
   const wire::Telemetry now = spine_.now();
   // Answers may come out of order, and a callback may send a new command; so each pending command is checked once per
@@ -400,7 +364,7 @@ void Commands::serve(std::int64_t now_ns) {
       pending_.push_back(std::move(each));
     } else if (now.tick < each.seen_at_tick && in_time) {
       pending_.push_back(std::move(each));
-    } else if (switches_off(each.command) && static_cast<wire::Mode>(now.mode) == wire::Mode::safe_stop &&
+    } else if (switches_off(kind) && static_cast<wire::Mode>(now.mode) == wire::Mode::safe_stop &&
                now_ns - each.sent_ns < kBrakingNs) {
       pending_.push_back(std::move(each));
     } else if (has_stopped(kind, now)) {

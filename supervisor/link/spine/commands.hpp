@@ -77,6 +77,8 @@ class Commands {
     Moving moving;  // when it was sent
   };
 
+  // The Spine brakes a moving joint first.
+  static bool switches_off(wire::CommandKind kind);
   Moving moving() const;
   static Json result_json(const Pending& done, const wire::Telemetry& now, std::int64_t now_ns);
 
