@@ -122,7 +122,7 @@ class FakeRobot:
         return {"events": [{"kind": "law_faulted", "text": "NaN", "next": "divide by no 0"}, *self.told][-limit:]}
 
     def swap(self, source: str, name: str, **terms: Any) -> dict[str, Any]:
-        assert terms == {"probation_s": 2.0}
+        assert terms == {"probation_s": 2.0, "brief": False}
         value = float(source.split("u.torque_nm[j] = ")[1].split(";")[0])
         if value < 0:
             self.last = {"source": name, "verdict": "refused", "reason": "wrong sign"}
@@ -194,7 +194,7 @@ class FakeRobot:
             raise Refused("refused_fault", f"armed, and in safe_stop at once: {self.fault}")
         return {}
 
-    def status(self) -> dict[str, Any]:
+    def status(self, brief: bool) -> dict[str, Any]:
         return {"mode": Mode(self.mode).name, "fault": self.fault, "last_swap": self.last, "stopped_by": self.stop,
                 "law_id": self.active, "recovering": self.now < self.inside_s}  # fmt: skip
 

@@ -88,8 +88,11 @@ _VALUES: Schema = {
     "additionalProperties": {"type": "number"},
 }
 _FIELDS = _list(
-    {"type": "string"}, "telemetry fields, as in the document telemetry; a wrong name is refused with the list of all"
+    {"type": "string"},
+    "telemetry fields, as in the document telemetry; sample_age_s; error_rad (setpoint minus position, both of the "
+    "sample's time); a wrong name is refused with the list of all",
 )
+_BRIEF = _flag("false: the whole (default true)")
 _NUMBERS: Schema = {"type": "array", "items": {"type": "number"}}
 _EACH: Schema = {
     "description": "one number for all joints, or one for each",
@@ -103,25 +106,23 @@ _TERMS = {
     "shadow_s": _number("first computes beside the running law for this time", minimum=0),
     "budget_us": _number("longest step", exclusiveMinimum=0),
     "box_ms": _number("time of the trial", exclusiveMinimum=0),
-    "brief": _flag("true: less than 2 kB; the certificate is the document it names"),
+    "brief": _flag("true (default): less than 2 kB; the certificate is the document it names. false: the whole"),
 }
 _WAYPOINTS = _list(_NUMBERS, "one row per waypoint, one number per joint", maxItems=16)
 
 _VERBS = (
     Verb(
         "describe",
-        "The robot: rate, joints with limits and drives, sensors, documents, time now; over TCP also every verb with "
-        "its arguments.",
+        "The robot: rate, joints with limits and drives, sensors, documents, time; over TCP also every verb. With "
+        "`verb`: only what that verb does, and its arguments in full.",
+        args={"verb": _text("its name")},
     ),
-    Verb(
-        "sim_truth",
-        "The simulated plant, as the robot file states it: inertia, friction, delay, seed.",
-        tier=Tier.person,
-    ),
+    Verb("sim_truth", "The simulated plant as its file states it: inertia, friction, delay, seed.", tier=Tier.person),
     Verb("ping", "The supervisor's process id."),
     Verb(
         "status",
         "Mode, fault, law, alarms (the worst first), joints and drives with their problems, lost ticks.",
+        args={"brief": _BRIEF},
         commands=("top",),
     ),
     Verb(
@@ -148,7 +149,7 @@ _VERBS = (
         args={"id": _integer("its number; 0 or left out: the newest", minimum=0)},
         commands=("incident show",),
     ),
-    Verb("latest", "The newest telemetry record.", args={"fields": _FIELDS}),
+    Verb("latest", "The newest telemetry record.", args={"fields": _FIELDS, "brief": _BRIEF}),
     Verb(
         "history",
         "Columns of telemetry: every tick of the last 4096, and before them every 20th of the last 60 s (`thinned`). "
@@ -162,6 +163,7 @@ _VERBS = (
             "incident": _integer("instead: the ticks kept around this incident, from 1 s before", minimum=1),
             "joints": _list({"type": "string"}, "names; columns of these only"),
             "fields": _FIELDS,
+            "brief": _BRIEF,
         },
     ),
     Verb(
@@ -212,7 +214,7 @@ _VERBS = (
             **_TERMS,
             "shadow_tolerance_nm": _number("how far it may differ meanwhile", minimum=0),
             "promote": _flag("false: it is only compared, for shadow_s, and never runs"),
-            "wait": _flag("true (the default with brief): answers when its probation is over; false: at once"),
+            "wait": _flag("true (the default with brief: true): answers when its probation is over; false: at once"),
         },
         required=("source",),
         commands=("swap hold",),

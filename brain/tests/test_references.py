@@ -4,6 +4,7 @@
 import math
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from lithe._wire import Mode
 from lithe.errors import NotRunning, Refused
 from lithe.gateway import references
 from lithe.gateway.curves import KINDS
-from lithe.gateway.references import References
+from lithe.gateway.references import MOST_REFUSED, References
 
 CHIRP: dict[str, Any] = {
     "kind": "chirp",
@@ -65,6 +66,7 @@ class FakeRobot:
         self.came = threading.Event()
         self.gone = False
         self.refusal: Refused | None = None
+        self.later: Refused | None = None  # of the plans that stream a reference
 
     def publish(self, times: list[int], angles: Any) -> int:
         if self.gone:
@@ -76,6 +78,8 @@ class FakeRobot:
     def decided(self, plan_id: int) -> bool:
         if self.refusal is not None and threading.current_thread() is threading.main_thread():
             raise self.refusal
+        if self.later is not None and threading.current_thread() is not threading.main_thread():
+            raise self.later
         return True
 
 
@@ -257,6 +261,25 @@ def test_what_the_spine_does_not_follow_is_refused_and_the_one_before_goes_on(ro
     with pytest.raises(Refused, match="time in the past"):
         kept.set({**SINE, "frequency_hz": 0.25})
     assert kept.told() == before
+
+
+def test_it_goes_on_after_plans_that_came_too_late_and_ends_after_others(robot: FakeRobot) -> None:
+    references = References(robot)  # type: ignore[arg-type]
+    robot.later = Refused("refused_plan", "the Spine refused the plan: too_old", "")
+    references.set({"kind": "sine", "centre_rad": 0.0, "amplitude_rad": 0.1, "frequency_hz": 0.5, "stay": True})
+    count = len(robot.plans)
+    wait_until(lambda: len(robot.plans) > count + 3 * MOST_REFUSED)
+    assert references.told()["streams"] and references.told()["ended"] == ""
+    robot.later = Refused("refused_plan", "the Spine refused the plan: velocity_limit", "")
+    wait_until(lambda: references.told()["ended"] != "")
+    assert "velocity_limit" in references.told()["ended"]
+
+
+def wait_until(done: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 60
+    while not done():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
 
 
 def test_every_kind_of_the_table_is_offered() -> None:

@@ -167,7 +167,7 @@ class Link:
         """Of the law that runs. Stopped: none does, or not at all joints."""
         now = self.call("latest", fields=["mode", "fault", "law_id"])
         if now["mode"] != Mode.active or now["fault"] != Fault.none:
-            raise Stopped(self.call("status"))
+            raise Stopped(self.call("status", brief=False))
         return int(now["law_id"])
 
     def measure(self, seconds: float) -> tuple[dict[str, Any], list[Motion]]:
@@ -206,7 +206,7 @@ class Link:
         self.swaps, self._pending = self.swaps + 1, name
         try:
             with self.alive():
-                answer = self._remote.call("swap", source=source, name=name, probation_s=PROBATION_S)
+                answer = self._remote.call("swap", source=source, name=name, probation_s=PROBATION_S, brief=False)
         except Refused as refusal:
             self._pending = ""
             self._check(refusal)
@@ -229,7 +229,7 @@ class Link:
         return law_id in self._put_in or bool(self._pending and self._last_swap().get("source") == self._pending)
 
     def _last_swap(self) -> dict[str, Any]:
-        return self.call("status").get("last_swap") or {}
+        return self.call("status", brief=False).get("last_swap") or {}
 
     def outcome(self, name: str, before: int, earlier: Any = None, over: tuple[str, ...] = OVER) -> Outcome:
         """What came of the swap of that name: waits for one of these verdicts, for a bounded time.
@@ -314,7 +314,7 @@ class Link:
         left_in, verb, there = "", "arm", False  # left_in: the mode in which the last verb here leaves the robot
         refusal: Refused | None = None
         for _ in range(MOST_STEPS):
-            status = self.call("status")
+            status = self.call("status", brief=False)
             stop = Stopped(status)
             self._nobody_else(stop)
             if stop.mendable:
@@ -330,7 +330,7 @@ class Link:
                 self._brought_inside()
             elif (refusal := self._once(verb)) is not None:
                 if refusal.code == "refused_fault":  # the law stopped it in the first tick
-                    raise Stopped(self.call("status"))
+                    raise Stopped(self.call("status", brief=False))
                 verb = "recover" if refusal.code == "refused_outside" else verb
                 self.sleep(1.0)
             elif verb == "recover":
@@ -361,7 +361,7 @@ class Link:
     def _brought_inside(self) -> None:
         """Waits for the end of `recover`. Lost: it does not end."""
         until_s = self.now_s() + MOST_RECOVER_S
-        while self.call("status").get("recovering"):
+        while self.call("status", brief=False).get("recovering"):
             if self.now_s() > until_s:
                 raise Lost(f"recover takes longer than {MOST_RECOVER_S:g} s")
             self.sleep(0.2)

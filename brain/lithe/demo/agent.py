@@ -87,7 +87,7 @@ class Agent:
     def swap(self, name: str, source: str, **terms: float) -> None:
         tell(doing=f"asks for a swap to {name}")
         sent_ns = time.monotonic_ns()
-        record = self.remote.call("swap", source=source, name=f"{name}.cpp", **terms)
+        record = self.remote.call("swap", source=source, name=f"{name}.cpp", brief=False, **terms)
         tell(swap={"law": name, "sent_ns": sent_ns, **record})
         self.source = source
 

@@ -42,7 +42,7 @@ from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, Tier, check_names, nearest, tier_of
 from . import changes, documents, dry, happened
 from .answers import Encoded, encode, in_the_words_of_verbs, refusal, refused_by
-from .brief import brief, brief_detail, brief_params, diff
+from .brief import brief, brief_detail, brief_params, brief_status, diff
 from .changes import LawWatch, unproven
 from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
@@ -103,6 +103,7 @@ class Gateway:
         self._asking = threading.local()
         self._ours: dict[str, Verb] = {
             "describe": self._describe,
+            "status": self._status,
             "latest": self.records.latest,
             "history": self.records.history,
             "measure": self.records.measure,
@@ -263,7 +264,15 @@ class Gateway:
         return [f"no reference runs ({ended}): at rest nothing shows what the values do"] if ended else []
 
     # ---- the gateway's own verbs
-    def _describe(self, _: dict[str, Any]) -> Any:
+    def _status(self, args: dict[str, Any]) -> Any:
+        whole = self.robot.status()
+        return brief_status(whole) if args.get("brief", True) else whole
+
+    def _describe(self, args: dict[str, Any]) -> Any:
+        if "verb" in args:
+            if args["verb"] not in BY_NAME:
+                raise Refused("unknown_verb", f"there is no verb '{args['verb']}'", nearest(str(args["verb"]), BY_NAME))
+            return BY_NAME[args["verb"]].described()
         if not self.robot.attached:
             raise NotRunning(f"robot '{self.robot.name}' has ended, or was started again")
         info = self.robot.spine.info
@@ -329,8 +338,8 @@ class Gateway:
             return live.identified(records, names, chain, self.references.limits())
 
     def _swap(self, args: dict[str, Any]) -> Any:
-        short = bool(args.pop("brief", False))
-        wait = bool(args.pop("wait", short))
+        wait = bool(args.pop("wait", args.get("brief", False)))
+        short = bool(args.pop("brief", True))
         differs = self._diff(args)
         try:
             certificate = self.robot.call("swap", **args, fenced=self._tier < Tier.person)

@@ -13,7 +13,14 @@ MOST_BYTES = 1000
 MOST_JOINTS_BYTES = 450  # so that a robot with many joints leaves room for warnings
 MOST_ERROR_BYTES = 500
 MOST_DIFF_BYTES = 800
+MOST_STATUS_BYTES = 1500
+MOST_ALARMS_BYTES, MOST_PART_BYTES = 450, 250
 CUT = "..."
+STATUS = (
+    "robot", "mode", "fault", "recovering", "law", "law_id", "probation", "tick", "age_ms", "missed_releases",
+    "late_samples", "plan", "brain_age_ms", "gates",
+)  # fmt: skip
+LAST_SWAP = ("verdict", "law", "source", "request_id", "certificate", "reason")
 # In this order, as long as there is room.
 FIRST = (
     "verdict",
@@ -137,6 +144,23 @@ def brief_params(answer: Json) -> Json:
 def brief(certificate: Json) -> Json:
     """Less than 1 kB of JSON."""
     told: Json = beginning(_rounded(_parts(certificate)), MOST_BYTES - 1) or {}
+    return told
+
+
+def brief_status(status: Json) -> Json:
+    """At most 1.5 kB of a status: what stops or limits the robot first; of a joint where it is and its problems."""
+    parts: Json = {key: status[key] for key in STATUS if key in status}
+    parts["alarms"] = beginning(status.get("alarms") or [], MOST_ALARMS_BYTES) or []
+    for key, names in (("stopped_by", ("text", "next", "tick")), ("last_swap", LAST_SWAP)):
+        whole = status.get(key) or {}
+        parts[key] = beginning({name: whole[name] for name in names if name in whole}, MOST_PART_BYTES)
+    joints = status.get("joints") or []
+    bad = [each for each in joints if each.get("problems") or each.get("drive")]
+    keys = ("name", "problems", "drive", "drive_state")
+    parts["problems"] = beginning([{key: each.get(key) for key in keys} for each in bad], MOST_PART_BYTES) or []
+    parts["position_rad"] = [each.get("position_rad") for each in joints]
+    parts["params"] = status.get("params")
+    told: Json = beginning(_rounded(parts), MOST_STATUS_BYTES) or {}
     return told
 
 

@@ -21,14 +21,20 @@ CLAMPED = (
 )  # fmt: skip
 
 
+def sample_age_s(records: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """How much older a tick's sample is than its setpoint [s], shape (n,); 0: there is no sample."""
+    woke_ns = records["release_ns"] + records["release_jitter_ns"].astype(np.int64)
+    age_s: npt.NDArray[np.float64] = np.where(records["sample_ns"] == 0, 0.0, (woke_ns - records["sample_ns"]) * 1e-9)
+    return age_s
+
+
 def aligned_error_rad(records: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     """Setpoint minus position [rad], shape (n, joints), both of the instant of the sample.
 
     A sample is older than the setpoint of its tick, by about one period; without this a moving joint seems to lag by
     its speed times that age.
     """
-    woke_ns = records["release_ns"] + records["release_jitter_ns"].astype(np.int64)
-    older_s = np.where(records["sample_ns"] == 0, 0.0, (woke_ns - records["sample_ns"]) * 1e-9)
+    older_s = sample_age_s(records)
     setpoint_rad = records["setpoint_position_rad"] - records["setpoint_velocity_rad_s"] * older_s[:, np.newaxis]
     error_rad: npt.NDArray[np.float64] = setpoint_rad - records["position_rad"]
     return error_rad

@@ -22,7 +22,7 @@ from ..robot import Robot
 from ..shm import dtype
 from ..vocabulary import nearest
 from .answers import Encoded, as_json
-from .measure import measured
+from .measure import aligned_error_rad, measured, sample_age_s
 from .past import Past
 from .turns import MOST_UNSENT_BYTES, Turns
 
@@ -30,6 +30,8 @@ Args = dict[str, Any]
 MOST_LONG_BYTES = MOST_UNSENT_BYTES // 4
 PIECE_TICKS = 128  # of a history, made at a time
 USUAL = ["tick", "release_ns", "position_rad"]
+MADE = ("error_rad", "sample_age_s")  # of other fields; see measure.py
+DIGITS, ALL_DIGITS = 6, 9  # after the point: a micrometre at the end of a link of a metre
 
 
 class Records:
@@ -44,7 +46,7 @@ class Records:
         record = self._robot.telemetry.latest()
         if record is None:
             raise Refused("not_ready", "no tick yet", "ask again")
-        return self._columns(record, self._fields(args, list(record.dtype.names or ())), self._joints({}))
+        return self._columns(record, self._fields(args, list(record.dtype.names or ())), self._joints({}), args)
 
     def history(self, args: Args) -> Encoded:
         """Records after tick `since_tick`, else of the last `seconds`, or those kept with `incident`; of these the
@@ -109,7 +111,7 @@ class Records:
             chosen = records[(records["tick"] % every == 0) & (records["tick"] <= until)]
             if not len(chosen):
                 continue
-            for name, values in self._columns(chosen, fields, joints).items():
+            for name, values in self._columns(chosen, fields, joints, args).items():
                 columns[name].append(as_json(values)[1:-1].encode())
                 size += len(columns[name][-1]) + 2
             if size > MOST_LONG_BYTES:
@@ -121,7 +123,7 @@ class Records:
         return columns
 
     def _fields(self, args: Args, usual: list[str]) -> list[str]:
-        known = dtype("Telemetry").names or ()
+        known = (*MADE, *(dtype("Telemetry").names or ()))
         fields = args.get("fields") or usual
         for name in fields:
             if name not in known:
@@ -135,12 +137,16 @@ class Records:
                 raise Refused("unknown_joint", f"there is no joint '{name}'", nearest(str(name), known))
         return [known.index(name) for name in args.get("joints") or known]
 
-    def _columns(self, records: Any, fields: list[str], joints: list[int]) -> dict[str, Any]:
-        out: dict[str, Any] = {}
+    def _columns(self, records: Any, fields: list[str], joints: list[int], args: Args) -> dict[str, Any]:
+        """`brief` (the default): rounded, and of the probes those that the running law declares."""
+        short, out = bool(args.get("brief", True)), dict[str, Any]()
         for name in fields:
-            column = records[name]
+            column = _made(records, name) if name in MADE else records[name]
             if column.dtype.kind == "f":
-                column = np.round(column, 9)  # finer than any encoder, and half as long as text
+                column = np.round(column, DIGITS if short else ALL_DIGITS)
+            if name == "probe" and short:
+                law = self._robot.spine.running_law()
+                column = column[..., : 0 if law is None else int(law["probe_count"])]
             if name == "sensor":  # JSON has no NaN: an invalid value is null
                 valid = column[..., : len(self._robot.spine.sensor_names)].astype(object)
                 valid[np.isnan(column[..., : valid.shape[-1]])] = None
@@ -150,6 +156,12 @@ class Records:
             else:
                 out[name] = column.tolist()
         return out
+
+
+def _made(records: Any, name: str) -> npt.NDArray[np.float64]:
+    rows = np.atleast_1d(records)
+    made = aligned_error_rad(rows) if name == "error_rad" else sample_age_s(rows)
+    return made if np.ndim(records) else np.asarray(made[0])
 
 
 def _object(columns: dict[str, list[bytes]], more: Args) -> Encoded:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from .._wire import Mode
+from .._wire import Mode, PlanReject
 from ..errors import LitheError, NotRunning, Refused
 from ..robot import Robot
 from .curves import Args, Curve, Vector, curve_of
@@ -267,7 +267,9 @@ class References:
                         self.stop(f"its client was silent for {silent_s:.1f} s")
                     elif now is not None:
                         refused = self._refused(plan_id)
-                        in_a_row = in_a_row + 1 if refused else 0
+                        # One that came too late says nothing of the next: the machine was busy.
+                        late = refused is not None and PlanReject.too_old.name in refused.message
+                        in_a_row = in_a_row + 1 if refused and not late else 0
                         if refused and in_a_row >= MOST_REFUSED:
                             self._give_up(now, refused)
                             plan_id = in_a_row = 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import json
 import sys
 import threading
 import time
@@ -17,7 +16,7 @@ from ..errors import LitheError
 from ..remote import Remote
 from ..vocabulary import Tier
 from . import http, permission
-from .protocol import MOST_LINE_BYTES, Json
+from .protocol import MOST_LINE_BYTES, Json, encoded
 from .server import Server
 
 _writing = threading.Lock()
@@ -26,7 +25,7 @@ _writing = threading.Lock()
 def send(answer: Json) -> None:
     """One line on stdout; the client may have left."""
     with _writing:
-        sys.stdout.buffer.write(json.dumps(answer).encode() + b"\n")
+        sys.stdout.buffer.write(encoded(answer).encode() + b"\n")
         sys.stdout.buffer.flush()
 
 

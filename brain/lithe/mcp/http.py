@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import hmac
-import json
 import queue
 import socket
 import sys
@@ -21,7 +20,7 @@ from urllib.parse import urlsplit
 from ..control import run_dir
 from ..errors import LitheError
 from ..gateway.token import write_token
-from .protocol import MOST_LINE_BYTES, REQUEST, Json, answer, http_status
+from .protocol import MOST_LINE_BYTES, REQUEST, Json, answer, encoded, http_status
 from .server import Server
 
 PATH = "/mcp"
@@ -145,7 +144,7 @@ class Handler(BaseHTTPRequestHandler):
         return None
 
     def _say(self, status: int, body: Json | None, **headers: str) -> None:
-        text = b"" if body is None else json.dumps(body).encode()
+        text = b"" if body is None else encoded(body).encode()
         self.send_response(status)
         for name, value in {**headers, "Content-Length": str(len(text))}.items():
             self.send_header(name, value)

@@ -11,6 +11,8 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from ..control import plain
+
 Json = dict[str, Any]
 MOST_LINE_BYTES = 1 << 20
 STATELESS = "2026-07-28"
@@ -49,6 +51,11 @@ def parsed(line: bytes) -> Json:
     if not isinstance(message, dict) or message.get("jsonrpc") != "2.0":
         raise Wrong(REQUEST, 'a message is one object with "jsonrpc": "2.0"')
     return message
+
+
+def encoded(value: Any) -> str:
+    """JSON in as few bytes as possible: a model reads it all."""
+    return json.dumps(value, default=plain, separators=(",", ":"))
 
 
 def answer(name: str | int | None, **what: Json) -> Json:

@@ -7,6 +7,8 @@ Threads: one reads; each request that asks the robot, or draws, has its own, so 
 from __future__ import annotations
 
 import json
+import re
+import textwrap
 import threading
 import time
 from collections.abc import Callable
@@ -29,6 +31,7 @@ STAY_S = 3600.0  # a reference that is to stay: as long as this server lives, an
 STAYS = (
     "stay is false here: over MCP a reference ends with the permission, with this server, and after {:g} s of silence"
 )
+MOST_WORDS = 75  # of a description
 MOST_ANSWER_BYTES = 64 << 10  # of one tool: a model reads it all
 THINNER = (2, 4, 10, 20, 40, 100, 200, 400)  # a thinned history has every 20th tick
 WHOLE = "the document swaps has every certificate in short; the whole file is on the robot's computer"
@@ -37,19 +40,33 @@ CAPABILITIES: Json = {"tools": {}, "resources": {}, "prompts": {}}
 INFO = {"name": "lithe", "version": __version__}
 INSTRUCTIONS = (
     "A robot whose control law you can try and replace while it moves. Begin with `describe` and `status`; read the "
-    "resource lithe://contract before you write a law. `law_check` costs nothing. A refusal says what to change. The "
-    "answer of `swap` has the verdict of its probation, and old law beside new; `document` with name plots/laws.png "
-    "shows all of them, plots/recent.png the last minute. `set_reference` moves the joints. "
-    "A person permits, for a time, a tier: tune (parameters), swap (laws), move (joints, modes), person. What reads, "
+    "resource lithe://contract before you write a law. `describe` with verb=NAME has that tool's arguments in full; "
+    "every tool that changes something takes dry_run=true; brief=false gives a whole answer. A refusal says what to "
+    "change. The answer of `swap` has the verdict of its probation, and old law beside new; `document` with name "
+    "plots/laws.png shows all of them, plots/recent.png the last minute. `set_reference` moves the joints. [tier] is "
+    "what a person must permit, for a time: tune (parameters), swap (laws), move (joints, modes), person. What reads, "
     "and hold, disarm, estop, stop_reference, need none."
 )
 
 
 def tool(verb: Verb) -> Json:
-    """A verb, as tools/list tells it."""
-    words = verb.what + (f" Tier {verb.tier.name}." if verb.tier else "")
-    hints = {"readOnlyHint": verb.effect is Effect.reads, "destructiveHint": verb.effect is Effect.moves}
-    return {"name": verb.name, "description": words, "inputSchema": verb.schema(), "annotations": hints}
+    """A verb, as tools/list tells it: in short, because a model reads all of it at the start."""
+    words = textwrap.shorten(re.split(r"[.;] ", verb.what)[0].rstrip("."), MOST_WORDS, placeholder=" ...")
+    words += f" [{verb.tier.name}]" if verb.tier else ""
+    schema: Json = {"type": "object"}
+    if given := {name: _kind(each) for name, each in verb.args.items() if name != "dry_run"}:
+        schema["properties"] = given
+    if verb.required:
+        schema["required"] = list(verb.required)
+    # What is left out is: not read-only, destructive.
+    hints = {Effect.reads: {"readOnlyHint": True}, Effect.stops: {"destructiveHint": False}}.get(verb.effect)
+    return {"name": verb.name, "description": words, "inputSchema": schema} | ({"annotations": hints} if hints else {})
+
+
+def _kind(schema: Json) -> Json:
+    """Of an argument what it may be; `describe` with `verb` has the rest."""
+    kept = {key: schema[key] for key in ("type", "enum") if key in schema}
+    return kept | ({"items": {}} if kept.get("type") == "array" else {})
 
 
 def said(text: str, error: bool = False) -> Json:
@@ -206,7 +223,7 @@ class Server:
                     result = {**result, "note": STAYS.format(result["asked"]["client_stale_s"])}
             if verb.name == "describe" and isinstance(result, dict):  # tools/list has them
                 result = {name: value for name, value in result.items() if name != "verbs"}
-            text = json.dumps(result, default=plain)
+            text = protocol.encoded(result)
         except Refused as error:
             detail = json.dumps(error.detail, default=plain) if error.detail else ""
             return said(

@@ -22,7 +22,8 @@ from system.robot_rig import ROOT, RobotRig
 def pd(remote: Remote, **args: Any) -> dict[str, Any]:
     """The first law again, so that there is one to go back to."""
     source = (ROOT / "laws/pd.cpp").read_text()
-    swapped: dict[str, Any] = remote.call("swap", source=source, name="pd.cpp", probation_s=0.0, **args)
+    args = {"probation_s": 0.0, "brief": False, **args}
+    swapped: dict[str, Any] = remote.call("swap", source=source, name="pd.cpp", **args)
     return swapped
 
 

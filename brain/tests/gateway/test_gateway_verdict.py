@@ -32,7 +32,7 @@ def test_a_short_answer_has_the_verdict_and_old_law_beside_new(remote: Remote) -
     certificate = json.loads(remote.call("document", name=told["certificate"])["text"])
     assert certificate["verdict"] in KEPT
     assert errors["new"] == pytest.approx(certificate["control"]["joints"][0]["after"]["rms_error_rad"], rel=1e-3)
-    whole = remote.call("swap", source=PD, name="pd.cpp", wait=True)
+    whole = remote.call("swap", source=PD, name="pd.cpp", wait=True, brief=False)
     assert whole["verdict"] in KEPT and whole["control"]["joints"] and whole["trial"]["ok"]
     at_once = remote.call("swap", source=PD, name="pd.cpp")
     assert at_once["verdict"] == "committed" and "control" not in at_once, "as it was, unless it is asked to wait"

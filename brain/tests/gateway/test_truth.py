@@ -29,6 +29,7 @@ PLANT = {float(new.split("=")[1]) for new in CHANGES.values()}
 MOTION = ("incident", "measure", "identify")  # they need one; the last two measure it
 READS = [each.name for each in VERBS if each.effect is Effect.reads and each.tier is Tier.observe]
 ARGS: dict[str, dict[str, Any]] = {
+    "status": {"brief": False},
     "document": {"name": "swaps"},
     "history": {"seconds": 0.2, "fields": ["position_rad", "torque_nm", "law_torque_nm", "probe"]},
     "law_check": {"source": (ROOT / "laws/pd.cpp").read_text(), "name": "pd.cpp"},
@@ -56,7 +57,7 @@ def test_no_verb_and_no_document_tells_the_plant_but_the_one_for_a_person(gatewa
         Remote("127.0.0.1", gateway.port, "sesame") as person,
     ):
         source = (ROOT / "laws/gravity_pd.cpp").read_text()
-        swapped = agent.call("swap", source=source, name="gravity_pd.cpp")  # its trial simulates the plant
+        swapped = agent.call("swap", source=source, name="gravity_pd.cpp", brief=False)  # its trial simulates the plant
         agent.call("hold")  # an incident
         number = swapped["certificate"].removesuffix(".json")
         answers = {verb: agent.call(verb, **ARGS.get(verb, {})) for verb in READS if verb not in MOTION}

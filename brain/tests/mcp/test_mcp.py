@@ -135,8 +135,9 @@ def test_every_verb_is_a_tool_with_its_arguments(fake: Fake) -> None:
     tools = {each["name"]: each for each in fake.send("tools/list")["result"]["tools"]}
     assert set(tools) == set(BY_NAME)
     assert tools["swap"]["inputSchema"]["required"] == ["source"]
-    assert tools["swap"]["annotations"] == {"readOnlyHint": False, "destructiveHint": True}
-    assert tools["status"]["annotations"] == {"readOnlyHint": True, "destructiveHint": False}
+    assert "annotations" not in tools["swap"], "not read-only, and destructive"
+    assert tools["status"]["annotations"] == {"readOnlyHint": True}
+    assert tools["hold"]["annotations"] == {"destructiveHint": False}
 
 
 def test_nothing_moves_without_a_persons_permission(fake: Fake) -> None:
