@@ -9,6 +9,7 @@
 
 #include "spine/arena/layout.hpp"
 #include "spine/core/host/realtime.hpp"
+#include "spine/robot/values.hpp"
 
 namespace lithe {
 namespace {
@@ -37,6 +38,7 @@ void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::
   put_text(info->robot, robot.name);
   put_text(info->config_path, robot.path);
   put_text(info->notes, notes);
+  info->values_hash = robot::values_hash(robot.values);
   info->rate_hz = robot.rate_hz;
   info->joint_count = static_cast<std::uint32_t>(robot.joints.size());
   info->cpu_spine = static_cast<std::uint32_t>(cpus.spine);

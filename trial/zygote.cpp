@@ -17,6 +17,7 @@
 #include "spine/law/resident.hpp"
 #include "spine/load/law_store.hpp"
 #include "spine/robot/robot.hpp"
+#include "spine/robot/values.hpp"
 #include "trial/sandbox/sandbox.hpp"
 #include "trial/sections/sections.hpp"
 #include "trial/simulation/simulated_run.hpp"
@@ -171,9 +172,12 @@ void run_parts(TrialContext& context, int box_ms) {
 // ended it. Returns the exit code of the process.
 // Contract: in a child, once
 int run_trial(const TrialSetup& setup, const TrialRequest& request, const Limits& limits, int pipe_fd) {
-  const Recording recording(request.recording, setup.joints(), setup.dt_s(), kRecordedSeconds);
+  const Recording recording(request.recording, robot::values_hash(setup.robot.values), setup.joints(), setup.dt_s(),
+                            kRecordedSeconds);
   if (const auto shed = shed_rights(pipe_fd, limits); !shed) return give_up(shed.message().c_str());
   if (!listen_for_signals()) return give_up("cannot catch the signals of a law");
+  if (recording.of_another())
+    return give_up("the robot file was changed since the robot started: undo it and end lithe-trial, which starts anew");
   if (const auto shut = guard_loading(request); !shut) return give_up(shut.message().c_str());
   std::snprintf(g_report.doing.data(), g_report.doing.size(), "being loaded");
   char why[256] = "";

@@ -19,7 +19,7 @@ NLAW = 8
 NS = 16
 NF = 32
 NSTATE = 4096
-LAYOUT_HASH = 0xD109CB33A8CDF57E
+LAYOUT_HASH = 0x1F019B625E86B154
 
 
 class Mode(IntEnum):
@@ -445,8 +445,9 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("arena_slot_bytes", "<u4", (), 3444),
         ("sensor_count", "<u4", (), 3448),
         ("pad0", "u1", (4,), 3452),
-        ("sensor_name", "S32", (16,), 3456),
-        ("joint_group", "S32", (32,), 3968),
+        ("values_hash", "<u8", (), 3456),
+        ("sensor_name", "S32", (16,), 3464),
+        ("joint_group", "S32", (32,), 3976),
     ],
     "Histogram": [
         ("bin", "<u8", (976,), 0),
@@ -474,7 +475,7 @@ SIZES = {
     "LawInfo": 3568,
     "LawState": 4112,
     "Params": 272,
-    "RobotInfo": 4992,
+    "RobotInfo": 5000,
     "Histogram": 7840,
     "Health": 32,
 }
@@ -695,8 +696,9 @@ CANONICAL_SCHEMA = (
     "RobotInfo.arena_slot_bytes:uint32[1]:3444:4:-\n"
     "RobotInfo.sensor_count:uint32[1]:3448:4:-\n"
     "RobotInfo.pad0:uint8[4]:3452:4:-\n"
-    "RobotInfo.sensor_name:char[512]:3456:512:-\n"
-    "RobotInfo.joint_group:char[1024]:3968:1024:-\n"
+    "RobotInfo.values_hash:uint64[1]:3456:8:-\n"
+    "RobotInfo.sensor_name:char[512]:3464:512:-\n"
+    "RobotInfo.joint_group:char[1024]:3976:1024:-\n"
     "Histogram.bin:uint64[976]:0:7808:-\n"
     "Histogram.count:uint64[1]:7808:8:-\n"
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"

@@ -217,6 +217,7 @@ struct RobotConfig {
   std::vector<DeviceConfig> devices;
   std::vector<JointConfig> joints;
   std::vector<SensorConfig> sensors;
+  std::string values;              // what the file says, one `key = value` a line, defaults too; without `law`
   std::vector<std::string> notes;  // valid settings with a disadvantage, one sentence each
 };
 

@@ -45,12 +45,16 @@ class File {
   }
 
  private:
+  // An absent table is read like an empty one: its defaults hold, and are told.
+  static const toml::table& or_empty(const toml::table* table) {
+    static const toml::table empty;
+    return table != nullptr ? *table : empty;
+  }
+
   template <class Read>
   void section(std::string_view key, Read read) {
-    if (const toml::table* table = top_.table(key)) {
-      Reader in(*table, fmt::format("[{}]", key), report_);
-      read(in);
-    }
+    Reader in(or_empty(top_.table(key)), fmt::format("[{}]", key), report_);
+    read(in);
   }
 
   void read_defaults(const toml::table& table) {
@@ -107,9 +111,8 @@ class File {
   }
 
   void read_table(Reader& in, const DeviceTable& own, const std::string& place, DeviceConfig& device) {
-    const toml::table* table = own.read != nullptr ? in.table(own.key) : nullptr;
-    if (table == nullptr) return;
-    Reader inner(*table, place, report_);
+    if (own.read == nullptr) return;
+    Reader inner(or_empty(in.table(own.key)), place, report_);
     own.read(inner, device.keys);
   }
 
@@ -171,10 +174,8 @@ class File {
     in.identifier("name", joint.name);
     in.reference("device", joint.device, "device", names(robot_.devices));
     read_joint(in, joint, Need::required);
-    if (const toml::table* sim = in.table("sim")) {
-      Reader plant(*sim, where("joint", table) + ".sim", report_);
-      read_plant(plant, joint.sim, robot_.plant.kind);
-    }
+    Reader plant(or_empty(in.table("sim")), where("joint", table) + ".sim", report_);
+    read_plant(plant, joint.sim, robot_.plant.kind);
     if (robot_.plant.kind == PlantKind::chain) settle_link(in, joint.sim);
     in.finish();
     refuse_twin(in, "joint", robot_.joints);
@@ -279,9 +280,11 @@ Result<RobotConfig> parse_robot(std::string_view text, const std::string& path) 
   robot.path = path;
   File(parsed.table(), robot, report).read();
   if (!report.empty()) return report.error();
+  robot.values = report.take_values();
   const std::filesystem::path base = std::filesystem::absolute(path).parent_path();
   for (std::string* file : {&robot.law, &robot.plant.model})
     if (!file->empty()) *file = (base / *file).lexically_normal().string();
+  robot.values += "[plant]: file of the model = " + robot.plant.model + '\n';
   note_costs(robot);
   return robot;
 }

@@ -6,9 +6,11 @@
 #include <filesystem>
 #include <fstream>
 #include <random>
+#include <sstream>
 
 #include "spine/core/joints.hpp"
 #include "spine/core/text.hpp"
+#include "spine/robot/values.hpp"
 
 namespace lithe::robot {
 namespace {
@@ -169,6 +171,48 @@ TEST(Robot, UnknownReferencesNameTheNearestRightOne) {
 TEST(Robot, AnUnknownWordListsTheKnownOnes) {
   expect_refused(replaced("kind = \"moteus\"", "kind = \"motues\""), "7:8", {"did you mean \"moteus\"?"});
   expect_refused(kSmallest + "[spine]\nrelease = \"busy\"\n", "20:11", {"\"spin\", \"hybrid\", \"sleep\""});
+}
+
+std::string values(const std::string& text) {
+  const Result<RobotConfig> robot = parse_robot(text, "/robots/r.toml");
+  EXPECT_TRUE(robot) << robot.message();
+  return robot ? robot->values : "";
+}
+
+TEST(Robot, WaysToWriteTheSameRobotHaveTheSameValues) {
+  const std::string plain = values(kSmallest);
+  EXPECT_EQ(values("# a comment\n" + kSmallest), plain);
+  EXPECT_EQ(values(replaced("position_max_rad = 1\n", "position_max_rad = 1.0\n")), plain);
+  EXPECT_EQ(values(kSmallest + "[joint.sim]\nseed = 1\n"), plain) << "a default that is written";
+  EXPECT_EQ(values(kSmallest + "[guard]\nsoft_start_s = 0.5\n"), plain);
+  EXPECT_EQ(values(replaced("torque_max_nm = 1.0\n", "") + "[defaults.joint]\ntorque_max_nm = 1.0\n"), plain);
+  EXPECT_EQ(values("law = \"other.cpp\"\n" + kSmallest), plain) << "the law to start with is not the robot";
+}
+
+// Every key of every robot file at hand: another value is another robot, and the difference names the key.
+TEST(Robot, EachKeyChangesTheValues) {
+  std::size_t keys = 0;
+  for (const auto& file : std::filesystem::directory_iterator(LITHE_ROBOTS)) {
+    if (file.path().extension() != ".toml") continue;
+    const Result<RobotConfig> robot = load_robot(file.path());
+    ASSERT_TRUE(robot) << robot.message();
+    std::istringstream lines(robot->values);
+    for (std::string line; std::getline(lines, line); ++keys) {
+      std::string other = robot->values;
+      other.replace(other.find(line + '\n') + line.size(), 0, "1");
+      EXPECT_NE(values_hash(other), values_hash(robot->values)) << line;
+      EXPECT_EQ(values_difference(robot->values, other), "  " + line + ", and there " + line.substr(line.find(" = ") + 3) + "1\n");
+    }
+  }
+  EXPECT_GT(keys, 1000U);
+}
+
+TEST(Robot, AnotherLimitIsNamed) {
+  const std::string tighter = values(replaced("torque_max_nm = 1.0", "torque_max_nm = 0.3"));
+  EXPECT_EQ(values_difference(tighter, values(kSmallest)), "  [[joint]] j0: torque_max_nm = 0.3, and there 1\n");
+  EXPECT_NE(values(kSmallest + "[joint.sim]\nseed = 2\n"), values(kSmallest));
+  EXPECT_NE(values(kSmallest + "[guard]\nsoft_start_s = 1\n"), values(kSmallest));
+  EXPECT_EQ(values_difference("a = 1\n", "a = 1\nb = 2\n"), "  b = (absent), and there 2\n");
 }
 
 TEST(Robot, AnUnknownKindIsTheOnlyMistakeThatIsTold) {

@@ -218,6 +218,7 @@ void for_each_field(RobotInfo& message, Visit&& visit) {
   visit("arena_slot_bytes", message.arena_slot_bytes);
   visit("sensor_count", message.sensor_count);
   visit("pad0", message.pad0);
+  visit("values_hash", message.values_hash);
   visit("sensor_name", message.sensor_name);
   visit("joint_group", message.joint_group);
 }

@@ -995,12 +995,13 @@ struct RobotInfo {
   std::uint32_t arena_slot_bytes = {};
   std::uint32_t sensor_count = {};
   std::array<std::uint8_t, 4> pad0{};
+  std::uint64_t values_hash = {};  // of the robot file's keys and values (spine/robot/values.hpp)
   std::array<char, 512> sensor_name{};  // 32 characters each, zero-terminated
   std::array<char, 1024> joint_group{};  // likewise; empty = the group of all that name none
 };
 static_assert(std::is_trivially_copyable_v<RobotInfo>);
 static_assert(std::is_standard_layout_v<RobotInfo>);
-static_assert(sizeof(RobotInfo) == 4992);
+static_assert(sizeof(RobotInfo) == 5000);
 static_assert(offsetof(RobotInfo, robot) == 0);
 static_assert(offsetof(RobotInfo, config_path) == 64);
 static_assert(offsetof(RobotInfo, rate_hz) == 320);
@@ -1025,8 +1026,9 @@ static_assert(offsetof(RobotInfo, arena_slots) == 3440);
 static_assert(offsetof(RobotInfo, arena_slot_bytes) == 3444);
 static_assert(offsetof(RobotInfo, sensor_count) == 3448);
 static_assert(offsetof(RobotInfo, pad0) == 3452);
-static_assert(offsetof(RobotInfo, sensor_name) == 3456);
-static_assert(offsetof(RobotInfo, joint_group) == 3968);
+static_assert(offsetof(RobotInfo, values_hash) == 3456);
+static_assert(offsetof(RobotInfo, sensor_name) == 3464);
+static_assert(offsetof(RobotInfo, joint_group) == 3976);
 
 // Durations, log-linear bins (spine/core/histogram.hpp).
 struct Histogram {
@@ -1127,7 +1129,7 @@ constexpr WordRanges active_ranges<RobotInfo>(std::size_t joints) {
   used.add(2144, 2144 + 8 * joints);
   used.add(2400, 2400 + 8 * joints);
   used.add(2656, 2656 + 8 * joints);
-  used.add(2912, 4992);
+  used.add(2912, 5000);
   return used;
 }
 
@@ -1182,7 +1184,7 @@ inline constexpr std::size_t kEstopOffset = 41344;  // word
 inline constexpr std::size_t kBytes = 41472;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0xd109cb33a8cdf57e;
+inline constexpr std::uint64_t kLayoutHash = 0x1f019b625e86b154;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -1349,8 +1351,9 @@ inline constexpr std::string_view kCanonicalSchema =
     "RobotInfo.arena_slot_bytes:uint32[1]:3444:4:-\n"
     "RobotInfo.sensor_count:uint32[1]:3448:4:-\n"
     "RobotInfo.pad0:uint8[4]:3452:4:-\n"
-    "RobotInfo.sensor_name:char[512]:3456:512:-\n"
-    "RobotInfo.joint_group:char[1024]:3968:1024:-\n"
+    "RobotInfo.values_hash:uint64[1]:3456:8:-\n"
+    "RobotInfo.sensor_name:char[512]:3464:512:-\n"
+    "RobotInfo.joint_group:char[1024]:3976:1024:-\n"
     "Histogram.bin:uint64[976]:0:7808:-\n"
     "Histogram.count:uint64[1]:7808:8:-\n"
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"

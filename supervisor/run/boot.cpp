@@ -21,6 +21,7 @@
 #include "spine/core/time.hpp"
 #include "spine/robot/cores/cpu_plan.hpp"
 #include "spine/robot/robot.hpp"
+#include "spine/robot/values.hpp"
 #include "supervisor/bus/plan/plan.hpp"
 #include "supervisor/bus/words.hpp"
 #include "supervisor/run/supervisor.hpp"
@@ -34,6 +35,19 @@ constexpr int kCheckTimeoutMs = 10'000;
 constexpr std::int64_t kReadyTimeoutNs = 30 * kNsPerS;
 
 std::string pid_path(const std::string& robot) { return fmt::format("{}/{}.pid", run_dir(), robot); }
+// RobotConfig::values of the Spine, for a supervisor that finds it running.
+std::string values_path(const std::string& robot) { return fmt::format("{}/{}.values", run_dir(), robot); }
+
+// Why a Spine does not run the robot of this file; empty: it does.
+std::string other_robot(const robot::RobotConfig& robot, const wire::RobotInfo& info) {
+  if (info.values_hash == robot::values_hash(robot.values)) return "";
+  const auto theirs = read_regular_file(values_path(robot.name), kMaxConfigBytes);
+  const bool known = theirs && robot::values_hash(*theirs) == info.values_hash;
+  return fmt::format("it runs another robot than {} describes (it was started with {}):\n{}", robot.path,
+                     text_of(info.config_path),
+                     known ? robot::values_difference(robot.values, *theirs)
+                           : fmt::format("  which values differ is not known: {} is gone\n", values_path(robot.name)));
+}
 
 // Pid of the lease holder: from its pid file, else from the segment's header.
 std::string holder_of(const std::string& robot) {
@@ -170,6 +184,8 @@ void Supervisor::start_spine() {
   const Fd log(::open(log_path_.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_APPEND | O_CLOEXEC, 0640));
   if (!log || ::pipe2(out, O_CLOEXEC) != 0)
     throw Halt{1, fmt::format("cannot prepare {}: {}", log_path_, std::strerror(errno))};
+  if (const std::string failed = write_file_whole(values_path(config_.name), config_.values); !failed.empty())
+    throw Halt{1, fmt::format("cannot write {}: {}", values_path(config_.name), failed)};
   spine_out_.reset(out[0]);
   ::fcntl(out[0], F_SETFL, O_NONBLOCK);
   const Fd theirs(out[1]);
@@ -204,11 +220,18 @@ void Supervisor::adopt_spine(pid_t pid) {
   spine_.emplace(std::move(*process));
   auto link = SpineLink::attach(config_.name);
   if (!link) throw refuse(link.message());
+  if (const std::string other = other_robot(config_, link->info()); !other.empty())
+    throw refuse(other + "start with the file it runs, to adopt it");
   serve_spine(std::move(*link));
   spdlog::info("robot '{}' is already ticking (Spine pid {}): adopted as it is", config_.name, pid);
 }
 
-void Supervisor::attach() { serve_spine(must(SpineLink::attach(config_.name))); }
+void Supervisor::attach() {
+  SpineLink link = must(SpineLink::attach(config_.name));
+  if (link.info().values_hash != robot::values_hash(config_.values))
+    throw Halt{1, fmt::format("{} was changed during the start; start again", options_.config_path)};
+  serve_spine(std::move(link));
+}
 
 void Supervisor::serve_spine(SpineLink link) {
   link_.emplace(std::move(link));

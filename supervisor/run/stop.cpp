@@ -30,7 +30,8 @@ void Supervisor::stop() {
   if (owns_files_) {
     std::error_code ignored;
     std::filesystem::remove(fmt::format("{}/{}.pid", run_dir(), config_.name), ignored);
-    remove_segments(config_.name);
+    if (remove_segments(config_.name))
+      std::filesystem::remove(fmt::format("{}/{}.values", run_dir(), config_.name), ignored);
   }
   if (!known_off) {
     wire::Telemetry last{};

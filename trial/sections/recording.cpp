@@ -24,11 +24,14 @@ constexpr std::array<std::array<double, wire::kNj> wire::Telemetry::*, 6> kKept{
 
 }  // namespace
 
-Recording::Recording(const std::string& robot, std::uint32_t joints, double dt_s, double seconds)
+Recording::Recording(const std::string& robot, std::uint64_t values_hash, std::uint32_t joints, double dt_s,
+                     double seconds)
     : joints_(joints), dt_s_(dt_s) {
   if (robot.empty() || !ipc::Lease::is_held(ipc::Segment<ipc::SpineMemory>::path(robot))) return;
   const auto segment = ipc::Segment<ipc::SpineMemory>::attach(robot, ipc::Access::read);
   if (!segment) return;
+  wire::RobotInfo info{};
+  of_another_ = ipc::ChannelReader<wire::RobotInfo>((*segment)->robot_info).read(info) && info.values_hash != values_hash;
   const auto record = std::make_unique<wire::Telemetry>();
   ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader((*segment)->telemetry);
   if (!reader.latest(*record) || record->joint_count != joints) return;

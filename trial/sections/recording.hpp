@@ -16,8 +16,11 @@ class Recording {
  public:
   Recording() = default;
   // The newest records of a robot that runs, at most `seconds`; empty when none runs, or one with other joints. Records
-  // with a non-finite value are left out.
-  Recording(const std::string& robot, std::uint32_t joints, double dt_s, double seconds);
+  // with a non-finite value are left out. `values_hash`: of the robot file (spine/robot/values.hpp).
+  Recording(const std::string& robot, std::uint64_t values_hash, std::uint32_t joints, double dt_s, double seconds);
+
+  // The robot that runs was started with other values than this robot file has.
+  bool of_another() const { return of_another_; }
 
   std::size_t size() const { return records_.size(); }
 
@@ -43,6 +46,7 @@ class Recording {
 
   std::uint32_t joints_ = 0;
   double dt_s_ = 1e-3;
+  bool of_another_ = false;
   std::vector<Record> records_;
   std::vector<double> values_;
 };

@@ -56,7 +56,7 @@ class RecordingTest : public ::testing::Test {
 
 TEST_F(RecordingTest, NewestSecondsComeInOrder) {
   run(1, 6001);  // more than the ring holds
-  const Recording recording(robot_, 2, 1e-3, 2.0);
+  const Recording recording(robot_, 0, 2, 1e-3, 2.0);
   ASSERT_EQ(recording.size(), 2000u);
   Tick tick;
   recording.fill(tick, 0);
@@ -77,12 +77,23 @@ TEST_F(RecordingTest, NewestSecondsComeInOrder) {
 
 TEST_F(RecordingTest, AnotherRobotOrNoneGivesNoRecords) {
   run(1, 100);
-  EXPECT_EQ(Recording(robot_, 3, 1e-3, 2.0).size(), 0u) << "other joints";
-  EXPECT_EQ(Recording(robot_, 2, 1e-3, 2.0).size(), 99u);
-  EXPECT_EQ(Recording("", 2, 1e-3, 2.0).size(), 0u);
-  EXPECT_EQ(Recording("no_such_robot", 2, 1e-3, 2.0).size(), 0u);
+  EXPECT_EQ(Recording(robot_, 0, 3, 1e-3, 2.0).size(), 0u) << "other joints";
+  EXPECT_EQ(Recording(robot_, 0, 2, 1e-3, 2.0).size(), 99u);
+  EXPECT_EQ(Recording("", 0, 2, 1e-3, 2.0).size(), 0u);
+  EXPECT_EQ(Recording("no_such_robot", 0, 2, 1e-3, 2.0).size(), 0u);
   lease_ = ipc::Lease();
-  EXPECT_EQ(Recording(robot_, 2, 1e-3, 2.0).size(), 0u) << "no_torque runs it";
+  EXPECT_EQ(Recording(robot_, 0, 2, 1e-3, 2.0).size(), 0u) << "no_torque runs it";
+}
+
+TEST_F(RecordingTest, ARobotStartedWithOtherValuesIsToldApart) {
+  run(1, 100);
+  wire::RobotInfo info{};
+  info.values_hash = 7;
+  ipc::ChannelWriter<wire::RobotInfo>((*segment_)->robot_info).write(info);
+  EXPECT_FALSE(Recording(robot_, 7, 2, 1e-3, 2.0).of_another());
+  EXPECT_TRUE(Recording(robot_, 8, 2, 1e-3, 2.0).of_another());
+  lease_ = ipc::Lease();
+  EXPECT_FALSE(Recording(robot_, 8, 2, 1e-3, 2.0).of_another()) << "none runs";
 }
 
 TEST(RecordingWithoutASpine, PastIsARobotThatMovesSlowly) {

@@ -30,7 +30,7 @@ TEST(Filter, LetsATrialReadTheTelemetryOfTheRobotThatRuns) {
   for (record->tick = 1; record->tick < 100; ++record->tick) writer.push(*record);
   const auto behind_it = [&robot] {
     if (!allow_trials_only()) _exit(2);
-    _exit(Recording(robot, 2, 1e-3, 2.0).size() == 99 ? 0 : 1);
+    _exit(Recording(robot, 0, 2, 1e-3, 2.0).size() == 99 ? 0 : 1);
   };
   EXPECT_EXIT(behind_it(), testing::ExitedWithCode(0), "");
   ipc::remove_segment(Spine::path(robot));

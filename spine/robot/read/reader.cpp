@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <type_traits>
 
 #include "spine/core/text.hpp"
 
@@ -32,6 +33,21 @@ Place place_of(const toml::node& node) {
           std::max(node.source().begin.column, toml::source_index{1})};
 }
 
+// What [defaults] says is told by each joint and device. The law to start with is no property of the robot.
+void Reader::holds(std::string_view key, std::string_view value) {
+  if (const std::string whole = name(key); !where_.starts_with("[defaults") && whole != "law")
+    report_.holds(whole, value);
+}
+
+// At the end of its scope: tells which value holds, given in the file or not.
+template <class Value>
+struct Reader::Holds {
+  Reader& in;
+  std::string_view key;
+  const Value& value;
+  ~Holds() { in.holds(key, fmt::format("{}", value)); }
+};
+
 std::string Reader::name(std::string_view key) const {
   return where_.empty() ? std::string(key) : fmt::format("{}: {}", where_, key);
 }
@@ -56,6 +72,7 @@ void Reader::wrong_type(std::string_view key, const toml::node& node, std::strin
 }
 
 void Reader::number(std::string_view key, double& out, Range range, Need need) {
+  const Holds<std::remove_reference_t<decltype(out)>> told{*this, key, out};
   const toml::node* node = find(key, need);
   if (node == nullptr) return;
   const std::string wanted = fmt::format("a number from {} to {}", range.min, range.max);
@@ -80,6 +97,7 @@ void Reader::take(std::string_view key, Number value, Range range, std::string_v
 }
 
 void Reader::boolean(std::string_view key, bool& out) {
+  const Holds<std::remove_reference_t<decltype(out)>> told{*this, key, out};
   const toml::node* node = find(key, Need::optional);
   if (node == nullptr) return;
   if (!node->is_boolean()) return wrong_type(key, *node, "true or false, without quotes");
@@ -87,6 +105,7 @@ void Reader::boolean(std::string_view key, bool& out) {
 }
 
 void Reader::text(std::string_view key, std::string& out, Need need) {
+  const Holds<std::remove_reference_t<decltype(out)>> told{*this, key, out};
   const toml::node* node = find(key, need);
   if (node == nullptr) return;
   if (!node->is_string()) return wrong_type(key, *node, "a string in quotes");
@@ -120,6 +139,7 @@ void Reader::identifier(std::string_view key, std::string& out, Need need) {
 }
 
 void Reader::core(std::string_view key, int& out) {
+  const Holds<std::remove_reference_t<decltype(out)>> told{*this, key, out};
   const toml::node* node = find(key, Need::optional);
   if (node == nullptr) return;
   if (node->is_string() && node->value<std::string_view>() == "auto") {
@@ -152,13 +172,13 @@ std::size_t Reader::read_choice(std::string_view key, const std::vector<std::str
 void Reader::reference(std::string_view key, std::size_t& out, std::string_view kind,
                        const std::vector<std::string_view>& names, Need need) {
   const toml::node* node = find(key, need);
-  if (node == nullptr) return;
+  if (node == nullptr) return out < names.size() ? holds(key, names[out]) : void();
   if (!node->is_string()) return wrong_type(key, *node, fmt::format("the name of a [[{}]] in quotes", kind));
   const std::string word = node->value<std::string>().value_or(std::string());
   const auto found = std::find(names.begin(), names.end(), word);
   if (found != names.end()) {
     out = static_cast<std::size_t>(found - names.begin());
-    return;
+    return holds(key, word);
   }
   complain(key, fmt::format("there is no [[{}]] named \"{}\"{}", kind, word,
                             names.empty() ? fmt::format("; add one") : suggestion(word, names)));

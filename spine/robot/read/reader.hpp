@@ -34,6 +34,7 @@ class Reader {
     std::int64_t value = static_cast<std::int64_t>(out);
     read_integer(key, value, range, need);
     out = static_cast<Int>(value);
+    holds(key, std::to_string(value));
   }
   void boolean(std::string_view key, bool& out);
   void text(std::string_view key, std::string& out, Need need = Need::optional);
@@ -50,6 +51,8 @@ class Reader {
     const std::size_t mistakes = report_.count();
     const std::size_t index = read_choice(key, words, need);
     if (index < choices.size()) out = choices[index].second;
+    for (const auto& [word, value] : choices)
+      if (value == out) holds(key, word);
     return report_.count() == mistakes || table_.get(key) == nullptr;
   }
 
@@ -66,6 +69,9 @@ class Reader {
   std::string name(std::string_view key) const;
 
  private:
+  template <class Value>
+  struct Holds;
+  void holds(std::string_view key, std::string_view value);
   const toml::node* find(std::string_view key, Need need);
   void read_integer(std::string_view key, std::int64_t& out, Range range, Need need);
   template <class Number>

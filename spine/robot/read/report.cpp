@@ -48,6 +48,10 @@ void Report::add(Place place, const std::string& what) {
   mistakes_.insert(later, {place, printable(what)});  // it contains text of the file
 }
 
+void Report::holds(std::string_view key, std::string_view value) {
+  values_.append(key).append(" = ").append(value).append("\n");
+}
+
 Error Report::error() const {
   std::string text;
   for (std::size_t i = 0; i < std::min(mistakes_.size(), kMostShown); ++i) {

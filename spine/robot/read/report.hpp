@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Collects the errors of one file, to report all of them at once in the file's order.
+// Collects the errors of one file, to report all of them at once in the file's order; and what holds after reading it.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "spine/core/result.hpp"
@@ -33,6 +34,10 @@ class Report {
   std::size_t count() const { return mistakes_.size(); }
   Error error() const;  // every mistake, one a line
 
+  // A key of the file that was read, with the value that holds now, given or not.
+  void holds(std::string_view key, std::string_view value);
+  std::string take_values() { return std::move(values_); }
+
  private:
   struct Mistake {
     Place place;
@@ -40,6 +45,7 @@ class Report {
   };
   std::string path_;
   std::vector<Mistake> mistakes_;  // in the order of the file
+  std::string values_;
 };
 
 }  // namespace lithe::robot

@@ -174,6 +174,47 @@ def test_the_robot_outlives_its_supervisor_and_is_adopted(rig: RobotRig) -> None
     assert not alive(before["spine_pid"]) and rig.segments() == []
 
 
+def test_a_spine_of_another_robot_is_not_adopted(rig: RobotRig) -> None:
+    """A file of the same name with other limits: refused with the keys; the same robot with a comment is taken over."""
+    first = rig.run()
+    before = rig.ask("status")
+    first.kill()
+    first.wait()
+    rig.wait_for(lambda: not alive(before["lawd_pid"]))
+    rig.socket.unlink()
+    arm = rig.config
+    text = arm.read_text().replace('"../', f'"{arm.parent.parent}/')
+    rig.config = rig.dir / "tighter.toml"
+    tighter = [("= 3.0 ", "= 1.0 "), ("torque_max_nm = 0.6", "torque_max_nm = 0.3"), ("= 0.2 ", "= 0.25 ")]
+    changed = text
+    for was, now in tighter:
+        assert was in changed
+        changed = changed.replace(was, now)
+    rig.config.write_text(changed)
+    assert rig.run(wait=False).wait(60) == 1
+    told = rig.log()
+    assert f"Spine (pid {before['spine_pid']}), and it cannot be adopted" in told
+    assert f"started with {arm}" in told and f"kill {before['spine_pid']}: its drives are switched off" in told
+    assert "[[joint]] shoulder: position_max_rad = 1, and there 3\n" in told
+    assert "[[joint]] shoulder: torque_max_nm = 0.3, and there 0.6\n" in told
+    assert "velocity_max_rad_s" not in told, "only what differs"
+    assert alive(before["spine_pid"])
+    (rig.dir / "run" / "arm.values").write_text("old = 1\n")
+    assert rig.run(wait=False).wait(60) == 1
+    assert "which values differ is not known" in rig.log()
+    rig.config.write_text("# the same robot\n" + text)
+    rig.run()
+    rig.wait_for(lambda: rig.lithe("status").returncode == 0)
+    after = rig.ask("status")
+    assert after["adopted"] and after["spine_pid"] == before["spine_pid"] and after["mode"] == "active"
+    rig.config.write_text(changed)  # the trial reads it only when it starts again
+    assert rig.ask("swap", LAWS / "hold.cpp")["verdict"] == "committed"
+    os.kill(after["trial_pid"], signal.SIGKILL)
+    rig.wait_for(lambda: rig.ask("status")["trial_pid"] not in (0, after["trial_pid"]))
+    refused = rig.ask("swap", LAWS / "pd.cpp", code=1)["error"]
+    assert refused["code"] == "trial_unavailable" and "the robot file was changed" in refused["message"]
+
+
 def test_estop_works_without_a_supervisor(rig: RobotRig) -> None:
     """Straight through shared memory, and the next supervisor finds it latched."""
     process = rig.run()
