@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads text files with names from users, with a limit, and the text of a robot file."""
+"""Reads text files with names from users, with a limit, and the text of a robot file; folders only we may write."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import stat
 import tomllib
 from pathlib import Path
 from typing import Any
+
+from .errors import LitheError
 
 MOST_BYTES = 1 << 20
 
@@ -29,6 +31,25 @@ def read_regular(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
     if len(data) > most_bytes:
         raise OSError(0, f"is larger than {most_bytes} bytes", str(path))
     return data.decode("utf-8")
+
+
+def own_folder(path: Path, variable: str) -> Path:
+    """The folder, made when it is absent. LitheError when others could put files there, or replace it: it is no real
+    directory, belongs neither to this user nor to root, or is open to everybody; `variable` can name another one."""
+    try:
+        path.mkdir(mode=0o750, parents=True, exist_ok=True)
+    except OSError as error:
+        raise LitheError(f"cannot create {path}: {error.strerror}\n  next: set {variable} to another folder") from None
+    about = path.lstat()
+    ours = about.st_uid in (os.geteuid(), 0)
+    if not stat.S_ISDIR(about.st_mode) or not ours or about.st_mode & stat.S_IWOTH:
+        kind = "a symbolic link" if stat.S_ISLNK(about.st_mode) else "a folder"
+        mend = f"chmod o-w {path}" if ours and stat.S_ISDIR(about.st_mode) else "remove it"
+        raise LitheError(
+            f"{path} is not used: it is {kind} of uid {about.st_uid} (mode {about.st_mode & 0o7777:04o}), and others could"
+            f" put files there\n  next: {mend}, or set {variable} to a folder of your own"
+        )
+    return path
 
 
 def robot_table(text: str) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from typing import Any
 
 from . import _wire
 from .errors import ShmError
+from .files import own_folder
 
 _SOURCE = Path(__file__).parent / "_shm" / "lithe_shm.c"
 _COMPILE = ("cc", "-std=c11", "-O2", "-shared", "-fPIC")
@@ -46,13 +47,12 @@ def _shim_key() -> str:
 
 def _build_shim() -> Path:
     """Compiles the shim into the cache, once per source text, machine, compiler and Python."""
-    target = _cache_dir() / f"liblithe_shm-{_shim_key()}.so"
+    target = own_folder(_cache_dir(), "LITHE_CACHE_DIR") / f"liblithe_shm-{_shim_key()}.so"
     if target.exists():
         return target
     making = target.with_suffix(f".{os.getpid()}")
     command = [*_COMPILE, "-o", str(making), str(_SOURCE)]
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         subprocess.run(command, check=True, capture_output=True, text=True)
     except (OSError, subprocess.CalledProcessError) as error:
         detail = getattr(error, "stderr", "") or str(error)

@@ -12,7 +12,6 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <utility>
 
@@ -24,6 +23,7 @@
 #include "spine/robot/values.hpp"
 #include "supervisor/bus/plan/plan.hpp"
 #include "supervisor/bus/words.hpp"
+#include "supervisor/link/client/client.hpp"
 #include "supervisor/run/supervisor.hpp"
 
 namespace lithe::control {
@@ -34,27 +34,16 @@ namespace fs = std::filesystem;
 constexpr int kCheckTimeoutMs = 10'000;
 constexpr std::int64_t kReadyTimeoutNs = 30 * kNsPerS;
 
-std::string pid_path(const std::string& robot) { return fmt::format("{}/{}.pid", run_dir(), robot); }
-// RobotConfig::values of the Spine, for a supervisor that finds it running.
-std::string values_path(const std::string& robot) { return fmt::format("{}/{}.values", run_dir(), robot); }
-
 // Why a Spine does not run the robot of this file; empty: it does.
 std::string other_robot(const robot::RobotConfig& robot, const wire::RobotInfo& info) {
   if (info.values_hash == robot::values_hash(robot.values)) return "";
-  const auto theirs = read_regular_file(values_path(robot.name), kMaxConfigBytes);
+  const std::string path = fmt::format("{}/{}{}", run_dir(), robot.name, kValuesEnding);
+  const auto theirs = read_regular_file(path, kMaxConfigBytes);
   const bool known = theirs && robot::values_hash(*theirs) == info.values_hash;
   return fmt::format("it runs another robot than {} describes (it was started with {}):\n{}", robot.path,
                      text_of(info.config_path),
                      known ? robot::values_difference(robot.values, *theirs)
-                           : fmt::format("  which values differ is not known: {} is gone\n", values_path(robot.name)));
-}
-
-// Pid of the lease holder: from its pid file, else from the segment's header.
-std::string holder_of(const std::string& robot) {
-  std::string pid = "unknown";
-  if (std::ifstream file(pid_path(robot)); file >> pid) return pid;
-  const auto control = ipc::Segment<ipc::ControlMemory>::attach(robot, ipc::Access::read);
-  return control ? std::to_string((*control)->header.writer_pid) : pid;
+                           : fmt::format("  which values differ is not known: {} is gone\n", path));
 }
 
 // Says why the robot is not started; returns the exit code.
@@ -100,19 +89,28 @@ int run_robot(const RunOptions& options) {
 void Supervisor::take_lease() {
   std::error_code failure;
   fs::create_directories(run_dir(), failure);
-  if (failure) throw Halt{1, fmt::format("cannot create {}: {}; set LITHE_RUN_DIR", run_dir(), failure.message())};
+  run_ = must(open_own_folder(run_dir(), "LITHE_RUN_DIR"));
+  if (!run_) {
+    throw Halt{1, fmt::format("cannot create {}: {}; set LITHE_RUN_DIR", run_dir(),
+                              failure ? failure.message() : std::strerror(errno))};
+  }
   auto lease = must(ipc::Lease::try_take(ipc::Segment<ipc::ControlMemory>::path(config_.name)));
   if (!lease) {
     throw Halt{1, fmt::format("robot '{}' already has a supervisor (pid {}); use lithe status, or stop it first",
-                              config_.name, holder_of(config_.name))};
+                              config_.name, noted_supervisor(config_.name))};
   }
   lease_ = std::move(*lease);
   owns_files_ = true;
-  if (!(std::ofstream(pid_path(config_.name)) << ::getpid() << std::endl)) {
-    throw Halt{1, fmt::format("cannot write {}: {}; disk full, or over a limit (ulimit -f)?", pid_path(config_.name),
-                              std::strerror(errno))};
-  }
+  write_run_file(".pid", fmt::format("{}\n", ::getpid()));
   if (const auto pinned = set_affinity(0, our_cpus_); !pinned) spdlog::warn("{}", pinned.message());
+}
+
+void Supervisor::write_run_file(const std::string& ending, const std::string& text) {
+  const Fd file = must(open_regular(run_.get(), config_.name + ending, O_WRONLY | O_CREAT | O_TRUNC));
+  if (const int failed = write_all(file.get(), text); failed != 0) {
+    throw Halt{1, fmt::format("cannot write {}/{}{}: {}; disk full, or over a limit (ulimit -f)?", run_dir(),
+                              config_.name, ending, std::strerror(failed))};
+  }
 }
 
 void Supervisor::catch_signals() {
@@ -181,11 +179,9 @@ void Supervisor::start_trial() {
 
 void Supervisor::start_spine() {
   int out[2];
-  const Fd log(::open(log_path_.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_APPEND | O_CLOEXEC, 0640));
-  if (!log || ::pipe2(out, O_CLOEXEC) != 0)
-    throw Halt{1, fmt::format("cannot prepare {}: {}", log_path_, std::strerror(errno))};
-  if (const std::string failed = write_file_whole(values_path(config_.name), config_.values); !failed.empty())
-    throw Halt{1, fmt::format("cannot write {}: {}", values_path(config_.name), failed)};
+  const Fd log = must(open_regular(run_.get(), config_.name + kLogEnding, O_CREAT | O_TRUNC | O_WRONLY | O_APPEND));
+  if (::pipe2(out, O_CLOEXEC) != 0) throw Halt{1, fmt::format("cannot make a pipe: {}", std::strerror(errno))};
+  write_run_file(kValuesEnding, config_.values);
   spine_out_.reset(out[0]);
   ::fcntl(out[0], F_SETFL, O_NONBLOCK);
   const Fd theirs(out[1]);

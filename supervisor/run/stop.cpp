@@ -3,12 +3,11 @@
 #include <fmt/format.h>
 #include <signal.h>
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstddef>
-#include <filesystem>
 
-#include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 #include "supervisor/run/supervisor.hpp"
 
@@ -28,10 +27,8 @@ void Supervisor::stop() {
   lawd_.stop();
   trial_.stop();
   if (owns_files_) {
-    std::error_code ignored;
-    std::filesystem::remove(fmt::format("{}/{}.pid", run_dir(), config_.name), ignored);
-    if (remove_segments(config_.name))
-      std::filesystem::remove(fmt::format("{}/{}.values", run_dir(), config_.name), ignored);
+    ::unlinkat(run_.get(), (config_.name + ".pid").c_str(), 0);
+    if (remove_segments(config_.name)) ::unlinkat(run_.get(), (config_.name + kValuesEnding).c_str(), 0);
   }
   if (!known_off) {
     wire::Telemetry last{};

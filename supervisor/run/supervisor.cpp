@@ -14,6 +14,7 @@
 #include <memory>
 #include <utility>
 
+#include "spine/core/host/files.hpp"
 #include "spine/core/host/paths.hpp"
 #include "spine/core/host/realtime.hpp"
 #include "spine/core/text.hpp"
@@ -48,7 +49,7 @@ Supervisor::Supervisor(RunOptions options, robot::RobotConfig config)
       born_ns_(monotonic_ns()),
       lawd_(program_dir() + "/lawd", our_cpus_, config_.joints.size(), config_.swap.compile_s),
       trial_(program_dir() + "/lithe-trial", std::filesystem::absolute(options_.config_path).string(), our_cpus_),
-      log_path_(fmt::format("{}/{}.spine.log", run_dir(), config_.name)) {}
+      log_path_(fmt::format("{}/{}{}", run_dir(), config_.name, kLogEnding)) {}
 
 Supervisor::~Supervisor() = default;
 
@@ -160,11 +161,12 @@ void Supervisor::read_spine() {
 }
 
 void Supervisor::forward_spine_log() {
-  const Fd file(::open(log_path_.c_str(), O_RDONLY | O_CLOEXEC));
-  if (!file || !spine_) return;
+  if (!spine_) return;
+  const auto file = open_regular(run_.get(), config_.name + kLogEnding, O_RDONLY);
+  if (!file) return;
   char chunk[4096];
   ssize_t got = 0;
-  while ((got = ::pread(file.get(), chunk, sizeof(chunk), log_read_)) > 0) {
+  while ((got = ::pread(file->get(), chunk, sizeof(chunk), log_read_)) > 0) {
     log_read_ += got;
     log_lines_.feed({chunk, static_cast<std::size_t>(got)});
   }

@@ -37,6 +37,10 @@ Drives drives_of(const wire::Telemetry& now);
 // Names of the joints whose drives are not off, for a message.
 std::string joints_not_off(const robot::RobotConfig& robot, const wire::Telemetry& now);
 
+// Files of a robot in the run folder, behind its name; with .pid and .sock.
+inline constexpr const char* kLogEnding = ".spine.log";  // of the Spine
+inline constexpr const char* kValuesEnding = ".values";  // RobotConfig::values of the Spine, for who adopts it
+
 struct RunOptions {
   std::string config_path;
   std::string law;      // overrides the file's; empty: the file's
@@ -77,6 +81,7 @@ class Supervisor {
 
   // Boot, in this order; each throws Halt when the robot cannot run.
   void take_lease();
+  void write_run_file(const std::string& ending, const std::string& text);  // <robot><ending> in the run folder
   void catch_signals();
   void raise_shield();
   void check_robot();
@@ -130,6 +135,7 @@ class Supervisor {
   std::int64_t born_ns_;
   ipc::Lease lease_;
   bool owns_files_ = false;
+  Fd run_;  // the run folder
   Fd signals_;
   Fd arena_;  // the code arena, handed to lawd, to the trial and to the Spine
   std::optional<host::Shield> shield_;

@@ -12,7 +12,9 @@ import secrets
 import stat
 from pathlib import Path
 
+from ..control import run_dir
 from ..errors import LitheError
+from ..files import own_folder
 from ..vocabulary import Tier
 
 _HELD: dict[Path, int] = {}  # token files of this process, open and locked
@@ -34,6 +36,8 @@ def write_token(path: Path, token: str | None = None) -> str:
     The file stays locked until this process ends, so that another gateway detects that it is in use.
     """
     token = token or new_token()
+    if path.parent == run_dir():
+        own_folder(path.parent, "LITHE_RUN_DIR")
     path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
     with contextlib.suppress(FileNotFoundError):
         before = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)

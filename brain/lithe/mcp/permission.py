@@ -14,6 +14,7 @@ from pathlib import Path
 
 from ..control import run_dir
 from ..errors import LitheError
+from ..files import own_folder
 from ..vocabulary import Tier
 
 MOST_MINUTES = 24 * 60.0
@@ -29,7 +30,7 @@ def give(file: Path, minutes: float, tier: Tier = Tier.move) -> float:
     if not 0 < minutes <= MOST_MINUTES:
         raise LitheError(f"{minutes:g} minutes are not between 0 and {MOST_MINUTES:g}\n  next: give fewer minutes")
     until_s = time.time() + 60 * minutes
-    file.parent.mkdir(parents=True, exist_ok=True)
+    own_folder(file.parent, "LITHE_RUN_DIR")
     draft = file.with_name(f"{file.name}.{os.getpid()}")
     with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o600), "w") as out:
         json.dump({"until_unix_s": until_s, "tier": tier.name}, out)

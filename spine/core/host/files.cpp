@@ -2,6 +2,7 @@
 #include "spine/core/host/files.hpp"
 
 #include <fcntl.h>
+#include <pwd.h>
 #include <signal.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -10,8 +11,6 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
-
-#include "spine/core/host/fd.hpp"
 
 namespace lithe {
 namespace {
@@ -25,7 +24,43 @@ Error too_large(const std::string& path, std::size_t most_bytes) {
   return wrong(path, "is larger than " + std::to_string(most_bytes) + " bytes");
 }
 
+constexpr const char* kNoFile = "is a device, a pipe or a socket, not a file";
+
+std::string owner_of(const struct stat& about) {
+  const passwd* user = getpwuid(about.st_uid);
+  return user != nullptr ? user->pw_name : "uid " + std::to_string(about.st_uid);
+}
+
 }  // namespace
+
+Result<Fd> open_regular(int folder, const std::string& path, int flags) {
+  Fd file(openat(folder, path.c_str(), flags | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC, 0640));
+  struct stat about{};
+  if (!file && errno == ENXIO) return wrong(path, kNoFile);
+  if (!file && errno == ELOOP) return wrong(path, "is a symbolic link, not a file");
+  if (!file || fstat(file.get(), &about) != 0) return wrong(path, std::strerror(errno));
+  if (!S_ISREG(about.st_mode)) return wrong(path, S_ISDIR(about.st_mode) ? "is a directory, not a file" : kNoFile);
+  return file;
+}
+
+Result<Fd> open_own_folder(const std::string& path, const std::string& variable) {
+  Fd folder(open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
+  const int failed = errno;
+  struct stat about{};
+  const bool there = (folder ? fstat(folder.get(), &about) : lstat(path.c_str(), &about)) == 0;
+  const bool ours = about.st_uid == geteuid() || about.st_uid == 0;
+  if (!there || (S_ISDIR(about.st_mode) && ours && (about.st_mode & S_IWOTH) == 0)) {
+    errno = failed;
+    return folder;
+  }
+  char mode[8];
+  std::snprintf(mode, sizeof mode, "%04o", about.st_mode & 07777U);
+  const std::string kind = S_ISLNK(about.st_mode) ? "a symbolic link" : S_ISDIR(about.st_mode) ? "a folder" : "no folder";
+  const std::string mend = ours && S_ISDIR(about.st_mode) ? "close it (chmod o-w " + path + ")" : "remove it";
+  return wrong(path, "is not used: it is " + kind + " of " + owner_of(about) + " (mode " + mode +
+                         "), and others could put files there; " + mend + ", or set " + variable +
+                         " to a folder of your own");
+}
 
 Result<std::string> read_regular_file(const std::string& path, std::size_t most_bytes) {
   const Fd file(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
@@ -33,7 +68,7 @@ Result<std::string> read_regular_file(const std::string& path, std::size_t most_
   struct stat about{};
   if (fstat(file.get(), &about) != 0) return wrong(path, std::strerror(errno));
   if (S_ISDIR(about.st_mode)) return wrong(path, "is a directory, not a file");
-  if (!S_ISREG(about.st_mode)) return wrong(path, "is a device, a pipe or a socket, not a file");
+  if (!S_ISREG(about.st_mode)) return wrong(path, kNoFile);
   if (about.st_size > static_cast<off_t>(most_bytes)) return too_large(path, most_bytes);
   // Files of /proc report 0 bytes and may be endless, so the reported size is not used.
   std::string bytes;
@@ -70,7 +105,7 @@ int write_all(int fd, std::string_view bytes) {
 
 std::string write_file_whole(const std::string& path, std::string_view bytes) {
   const std::string part = path + ".part" + std::to_string(getpid());
-  const Fd file(open(part.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0640));
+  const Fd file(open(part.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0640));
   if (!file) return std::strerror(errno);
   struct stat old{};
   if (stat(path.c_str(), &old) == 0) fchmod(file.get(), old.st_mode & 07777U);

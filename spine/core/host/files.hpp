@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads files with names from users, writes whole files; sets permissions of created files. Off the tick.
+// Reads files with names from users, writes whole files; folders that only we may write; permissions of created files.
+// Off the tick.
 #pragma once
 
 #include <cstddef>
@@ -8,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "spine/core/host/fd.hpp"
 #include "spine/core/result.hpp"
 
 namespace lithe {
@@ -18,6 +20,15 @@ inline constexpr std::size_t kMaxConfigBytes = std::size_t{1} << 20;  // of a ro
 // The bytes of a regular file, `most_bytes` at most. A directory, a device, a pipe and a larger file are errors:
 // "<path>: is a directory, not a file". Never waits (a pipe without a writer) and never reads without end (/dev/zero).
 Result<std::string> read_regular_file(const std::string& path, std::size_t most_bytes);
+
+// A regular file, opened without waiting (a pipe without its other end) and without following a symbolic link. `folder`:
+// where a relative path starts, or AT_FDCWD. `flags` as for openat(); a new file has mode 0640 at most.
+Result<Fd> open_regular(int folder, const std::string& path, int flags);
+
+// The folder, opened. Error when others could put files there, or replace it: it is no real directory, belongs neither to
+// this user nor to root, or is open to everybody; `variable` (of the environment) can name another one. Members of its
+// group are trusted. Empty, with errno, when it is absent or cannot be opened.
+Result<Fd> open_own_folder(const std::string& path, const std::string& variable);
 
 // The paths in a folder, sorted; empty when there is none, or it cannot be read.
 std::vector<std::filesystem::path> files_in(const std::filesystem::path& folder);

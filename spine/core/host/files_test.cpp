@@ -41,6 +41,59 @@ TEST_F(FilesTest, AFileIsReadWholeUpToItsLimit) {
   EXPECT_EQ(why(in("law.cpp")), in("law.cpp") + ": is larger than 100 bytes");
 }
 
+// Opened to be written, cut or read: what a link names is never touched, and a pipe is never waited for.
+TEST_F(FilesTest, OnlyARegularFileIsOpened) {
+  std::ofstream(in("victim")) << "precious";
+  fs::create_symlink(in("victim"), in("link"));
+  fs::create_directory(in("folder"));
+  ASSERT_EQ(mkfifo(in("pipe").c_str(), 0600), 0);
+  const Fd folder(open(dir_.c_str(), O_RDONLY | O_DIRECTORY));
+  for (const int flags : {O_RDONLY, O_WRONLY, O_WRONLY | O_CREAT | O_TRUNC, O_WRONLY | O_CREAT | O_APPEND, O_RDWR}) {
+    for (const auto& [name, told] : {std::pair("link", "link: is a symbolic link, not a file"),
+                                     {"pipe", "pipe: is a device, a pipe or a socket, not a file"},
+                                     {"folder", "folder: "}}) {
+      const auto file = open_regular(folder.get(), name, flags);
+      ASSERT_FALSE(file) << name << flags;
+      EXPECT_TRUE(file.message().starts_with(told)) << file.message();
+    }
+  }
+  EXPECT_EQ(why(in("victim")), "was read");
+  EXPECT_EQ(fs::file_size(in("victim")), 8U);
+  EXPECT_TRUE(open_regular(folder.get(), "fresh", O_WRONLY | O_CREAT));
+  EXPECT_TRUE(fs::exists(in("fresh")));
+  fs::create_symlink(in("victim"), in("law.part" + std::to_string(getpid())));
+  EXPECT_NE(write_file_whole(in("law"), "x"), "") << "the draft's place is a link";
+  EXPECT_EQ(fs::file_size(in("victim")), 8U);
+}
+
+TEST_F(FilesTest, AFolderThatOthersCanFillIsNotUsed) {
+  const auto refusal = [](const std::string& path) {
+    const auto folder = open_own_folder(path, "LITHE_RUN_DIR");
+    return folder ? (*folder ? "taken" : "absent") : folder.message();
+  };
+  const std::string own = in("own");
+  EXPECT_EQ(refusal(own), "absent");
+  fs::create_directory(own);
+  for (const mode_t mode : {0700, 0750, 0770, 02770}) {
+    ASSERT_EQ(chmod(own.c_str(), mode), 0);
+    EXPECT_EQ(refusal(own), "taken") << mode;
+  }
+  for (const mode_t mode : {0777, 01777, 0702}) {
+    ASSERT_EQ(chmod(own.c_str(), mode), 0);
+    EXPECT_NE(refusal(own).find("close it (chmod o-w " + own + ")"), std::string::npos) << refusal(own);
+  }
+  ASSERT_EQ(chmod(own.c_str(), 0700), 0);
+  fs::create_symlink(own, in("link"));
+  EXPECT_NE(refusal(in("link")).find("it is a symbolic link of "), std::string::npos) << refusal(in("link"));
+  std::ofstream(in("file")) << "x";
+  EXPECT_NE(refusal(in("file")).find("it is no folder of "), std::string::npos) << refusal(in("file"));
+  if (geteuid() != 0) GTEST_SKIP() << "only root can give a folder away";
+  constexpr uid_t kMallory = 54321;
+  ASSERT_EQ(chown(own.c_str(), kMallory, kMallory), 0);
+  EXPECT_EQ(refusal(own), own + ": is not used: it is a folder of uid 54321 (mode 0700), and others could put files "
+                                "there; remove it, or set LITHE_RUN_DIR to a folder of your own");
+}
+
 TEST_F(FilesTest, AFileIsReplacedWholeAndKeepsItsMode) {
   EXPECT_EQ(write_file_whole(in("law.cpp"), "old"), "");
   ASSERT_EQ(chmod(in("law.cpp").c_str(), 0604), 0);

@@ -4,8 +4,8 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <utility>
 
 #include "spine/core/host/files.hpp"
@@ -56,13 +56,6 @@ void look_at_spine(Presence& out) {
   }
 }
 
-// The pid file, for a supervisor that does not listen yet.
-pid_t noted_pid(const std::string& robot) {
-  pid_t pid = 0;
-  std::ifstream(fmt::format("{}/{}.pid", run_dir(), robot)) >> pid;
-  return pid;
-}
-
 // The connection, when the supervisor answers.
 std::optional<Client> look_at_supervisor(Presence& out) {
   auto client = Client::connect(control_socket_path(out.robot));
@@ -79,7 +72,7 @@ std::optional<Client> look_at_supervisor(Presence& out) {
     }
   }
   if (ipc::Lease::is_held(Control::path(out.robot))) {
-    out.supervisor_pid = noted_pid(out.robot);
+    out.supervisor_pid = noted_supervisor(out.robot);
     out.supervisor = Client::is_full(client) ? Supervisor::silent : Supervisor::starting;
   }
   return std::nullopt;
@@ -141,6 +134,14 @@ Refusal why_silent(const Presence& there) {
 }
 
 }  // namespace
+
+pid_t noted_supervisor(const std::string& robot) {
+  constexpr std::size_t kMostDigits = 32;
+  const auto text = read_regular_file(fmt::format("{}/{}.pid", run_dir(), robot), kMostDigits);
+  if (const pid_t pid = text ? std::atoi(text->c_str()) : 0; pid > 0) return pid;
+  const auto control = Control::attach(robot, ipc::Access::read);
+  return control ? static_cast<pid_t>((*control)->header.writer_pid) : 0;
+}
 
 const char* word(Presence::Supervisor supervisor) {
   const char* const words[] = {"none", "starting or stopping", "answers", "stopped", "silent"};

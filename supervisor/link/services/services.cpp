@@ -10,6 +10,8 @@
 #include <cstring>
 #include <utility>
 
+#include "spine/core/host/files.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe::control {
@@ -248,6 +250,13 @@ LawdLink::LawdLink(std::string program, std::vector<int> cpus, std::size_t joint
           {.argv = {std::move(program), fmt::format("{}", compile_s)}, .idle_priority = true, .cpus = std::move(cpus)}),
       joints_(joints),
       limit_ns_(static_cast<std::int64_t>(3e9 * compile_s)) {}
+
+Result<> LawdLink::start(std::int64_t now_ns) {
+  // An absent folder is made by lawd, or in vain: it says why. Without HOME the cache is in the run folder.
+  for (const auto& [folder, variable] : {std::pair(run_dir(), "LITHE_RUN_DIR"), {cache_dir(), "LITHE_CACHE_DIR"}})
+    if (const auto own = open_own_folder(folder, variable); !own) return own.error();
+  return ServiceLink::start(now_ns);
+}
 
 Json LawdLink::compile_request(const LawText& law) const {
   Json request = {{"verb", "compile"}, {"name", law.name}, {"source", law.source}, {"joints", joints_}};

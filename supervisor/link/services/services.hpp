@@ -118,6 +118,8 @@ class LawdLink : public ServiceLink {
 
   // Switches admission and dry run off: for tests of the containment in the Spine.
   void open_gates() { gates_ = false; }
+  // Refused when others could put files into the cache: what is compiled there becomes the robot's code.
+  Result<> start(std::int64_t now_ns);
 
   void compile(const LawText& law, Callback callback, std::int64_t now_ns);
   // The same for `law check`: every compile() goes first, and at most kMaxChecks wait.

@@ -3,6 +3,8 @@
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 from system.cli.connections import both_connections
@@ -47,3 +49,39 @@ def test_what_a_robot_leaves_is_not_for_every_user(rig: RobotRig) -> None:
     open_to_others = [f"{path} {os.stat(path).st_mode & 0o777:o}" for path in left if os.stat(path).st_mode & 0o027]
     sockets = [path for path in left if path.is_socket()]
     assert open_to_others == [f"{path} 660" for path in sockets]
+
+
+def test_a_run_folder_that_others_can_fill_is_not_used(rig: RobotRig) -> None:
+    """Open to everybody, or another user's: refused before anything is made there, for Python too."""
+    run = rig.dir / "run"
+    run.mkdir()
+    run.chmod(0o777)
+    victim = rig.dir / "victim"
+    victim.write_text("precious")
+    (run / "arm.spine.log").symlink_to(victim)
+    assert rig.run(wait=False).wait(60) == 1
+    assert f"{run}: is not used: it is a folder of " in rig.log() and "(mode 0777)" in rig.log()
+    assert f"close it (chmod o-w {run}), or set LITHE_RUN_DIR" in rig.log()
+    assert os.listdir(run) == ["arm.spine.log"] and victim.read_text() == "precious"
+    gateway = [sys.executable, "-c", "from lithe.gateway import *; from lithe.control import *; write_token(run_dir() / 't')"]
+    told = subprocess.run(gateway, env=rig.env, check=False, capture_output=True, text=True)
+    assert told.returncode != 0 and f"{run} is not used" in told.stderr and os.listdir(run) == ["arm.spine.log"]
+    run.chmod(0o700)
+    assert rig.run(wait=False).wait(60) == 1
+    assert "arm.spine.log: is a symbolic link, not a file" in rig.log() and victim.read_text() == "precious"
+
+
+def test_a_cache_that_others_can_fill_is_not_used(rig: RobotRig) -> None:
+    """What is compiled there becomes the code of a robot, and of this Python."""
+    cache = rig.dir / "cache"
+    cache.mkdir()
+    cache.chmod(0o777)
+    rig.env["LITHE_CACHE_DIR"] = str(cache)
+    assert rig.run(wait=False).wait(60) == 1
+    assert f"{cache}: is not used" in rig.log() and "LITHE_CACHE_DIR" in rig.log()
+    told = rig.lithe("law", "check", ROOT / "laws" / "pd.cpp")
+    assert told.returncode != 0 and f"{cache}: is not used" in told.stderr
+    python = [sys.executable, "-c", "from lithe.shim import load_shim; load_shim()"]
+    said = subprocess.run(python, env=rig.env, check=False, capture_output=True, text=True)
+    assert said.returncode != 0 and f"{cache} is not used" in said.stderr
+    assert os.listdir(cache) == []

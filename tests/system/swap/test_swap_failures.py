@@ -146,7 +146,7 @@ class SmallDisk:
         self.dir = rig.dir / name
         self.dir.mkdir()
         words = ["unshare", "-m"] if os.geteuid() == 0 else ["unshare", "-rm"]
-        mount = f'mount -t tmpfs -o size={size},mode=0777 tmpfs "$0" && exec "$@"'
+        mount = f'mount -t tmpfs -o size={size},mode=0750 tmpfs "$0" && exec "$@"'
         rig.wrapper = [*words, "sh", "-c", mount, str(self.dir)]
         may = subprocess.run([*rig.wrapper, "true"], check=False, capture_output=True, text=True)
         if may.returncode != 0:
