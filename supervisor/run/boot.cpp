@@ -5,7 +5,9 @@
 #include <signal.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
+#include <sys/file.h>
 #include <sys/signalfd.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -33,6 +35,7 @@ namespace fs = std::filesystem;
 
 constexpr int kCheckTimeoutMs = 10'000;
 constexpr std::int64_t kReadyTimeoutNs = 30 * kNsPerS;
+constexpr std::int64_t kLookNs = kNsPerS;  // between two looks at the socket's file
 
 // Why a Spine does not run the robot of this file; empty: it does.
 std::string other_robot(const robot::RobotConfig& robot, const wire::RobotInfo& info) {
@@ -86,7 +89,7 @@ int run_robot(const RunOptions& options) {
   return Supervisor(options, std::move(*config)).run();
 }
 
-void Supervisor::take_lease() {
+void Supervisor::open_run_folder() {
   std::error_code failure;
   fs::create_directories(run_dir(), failure);
   run_ = must(open_own_folder(run_dir(), "LITHE_RUN_DIR"));
@@ -94,15 +97,39 @@ void Supervisor::take_lease() {
     throw Halt{1, fmt::format("cannot create {}: {}; set LITHE_RUN_DIR", run_dir(),
                               failure ? failure.message() : std::strerror(errno))};
   }
+}
+
+void Supervisor::take_lease() {
+  open_run_folder();
   auto lease = must(ipc::Lease::try_take(ipc::Segment<ipc::ControlMemory>::path(config_.name)));
   if (!lease) {
     throw Halt{1, fmt::format("robot '{}' already has a supervisor (pid {}); use lithe status, or stop it first",
                               config_.name, noted_supervisor(config_.name))};
   }
   lease_ = std::move(*lease);
+  take_pid_file();
   owns_files_ = true;
-  write_run_file(".pid", fmt::format("{}\n", ::getpid()));
   if (const auto pinned = set_affinity(0, our_cpus_); !pinned) spdlog::warn("{}", pinned.message());
+}
+
+// The pid file stays locked: a supervisor in a container has a /dev/shm of its own, but may have the same run folder.
+void Supervisor::take_pid_file() {
+  const std::string path = fmt::format("{}/{}.pid", run_dir(), config_.name);
+  Fd file = must(open_regular(run_.get(), config_.name + ".pid", O_RDWR | O_CREAT));
+  if (::flock(file.get(), LOCK_EX | LOCK_NB) != 0) {
+    throw Halt{1, fmt::format("another supervisor of a robot '{}', perhaps in another container, holds {} (pid {} there); "
+                              "stop it, or set LITHE_RUN_DIR to a folder of its own for each",
+                              config_.name, path, noted_supervisor(config_.name))};
+  }
+  const int failed = ::ftruncate(file.get(), 0) != 0 ? errno : write_all(file.get(), fmt::format("{}\n", ::getpid()));
+  if (failed != 0)
+    throw Halt{1, fmt::format("cannot write {}: {}; disk full, or over a limit (ulimit -f)?", path, std::strerror(failed))};
+  pid_file_ = std::move(file);
+}
+
+bool Supervisor::has_pid_file() const {
+  struct stat about{};
+  return ::fstat(pid_file_.get(), &about) == 0 && about.st_nlink > 0;
 }
 
 void Supervisor::write_run_file(const std::string& ending, const std::string& text) {
@@ -255,6 +282,23 @@ void Supervisor::open_socket() {
         if (server_) server_->reply(to, answer);
       },
       [this] { stop_asked_ = true; });
+}
+
+// A cleaner of old files, or a person, may have removed the socket, or the whole folder: no verb would reach the robot.
+void Supervisor::keep_reachable(std::int64_t now_ns) {
+  if (!server_ || now_ns - reachable_ns_ < kLookNs) return;
+  reachable_ns_ = now_ns;
+  if (server_->is_there() && has_pid_file()) return;
+  const std::string path = control_socket_path(config_.name);
+  const auto again = [&] {
+    open_run_folder();
+    take_pid_file();
+    must(server_->listen_again());
+    spdlog::warn("{}, or the pid file beside it, was removed: made again", path);
+  };
+  if (code_of(again) == 0) return;
+  spdlog::error("no new client reaches this robot: {} cannot be made again; tried every 30 s", path);
+  reachable_ns_ = now_ns + 29 * kNsPerS;
 }
 
 void Supervisor::announce() const {

@@ -27,8 +27,9 @@ void Supervisor::stop() {
   lawd_.stop();
   trial_.stop();
   if (owns_files_) {
-    ::unlinkat(run_.get(), (config_.name + ".pid").c_str(), 0);
-    if (remove_segments(config_.name)) ::unlinkat(run_.get(), (config_.name + kValuesEnding).c_str(), 0);
+    const bool in_folder = has_pid_file();  // else the files there may be another supervisor's
+    if (in_folder) ::unlinkat(run_.get(), (config_.name + ".pid").c_str(), 0);
+    if (remove_segments(config_.name) && in_folder) ::unlinkat(run_.get(), (config_.name + kValuesEnding).c_str(), 0);
   }
   if (!known_off) {
     wire::Telemetry last{};

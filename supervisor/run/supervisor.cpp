@@ -119,6 +119,7 @@ void Supervisor::turn(int timeout_ms) {
     if (incidents_) incidents_->serve(*link_, now_ns);
   }
   if (server_) server_->serve();
+  keep_reachable(now_ns);
   watch_throttling(now_ns);
   keep_shield_up(now_ns);
   if (spine_ && !stopping_ && spine_->ended()) spine_died();

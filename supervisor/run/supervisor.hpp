@@ -80,7 +80,10 @@ class Supervisor {
   void live();
 
   // Boot, in this order; each throws Halt when the robot cannot run.
+  void open_run_folder();
   void take_lease();
+  void take_pid_file();
+  bool has_pid_file() const;  // it is still in its folder
   void write_run_file(const std::string& ending, const std::string& text);  // <robot><ending> in the run folder
   void catch_signals();
   void raise_shield();
@@ -116,6 +119,7 @@ class Supervisor {
   void note(const Json& event);
   void forward_spine_log();
   void watch_throttling(std::int64_t now_ns);
+  void keep_reachable(std::int64_t now_ns);
   [[noreturn]] void spine_died();
 
   // Halts with 3 when not every drive is known to be off.
@@ -135,7 +139,9 @@ class Supervisor {
   std::int64_t born_ns_;
   ipc::Lease lease_;
   bool owns_files_ = false;
-  Fd run_;  // the run folder
+  Fd run_;       // the run folder
+  Fd pid_file_;  // in it, locked
+  std::int64_t reachable_ns_ = 0;
   Fd signals_;
   Fd arena_;  // the code arena, handed to lawd, to the trial and to the Spine
   std::optional<host::Shield> shield_;

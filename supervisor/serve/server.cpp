@@ -48,9 +48,13 @@ std::optional<std::string> unprintable_in(const Json& value, std::string_view na
   return std::nullopt;
 }
 
-}  // namespace
+// The inode of a file; 0 when there is none.
+std::uint64_t inode_of(const std::string& path) {
+  struct stat about{};
+  return ::lstat(path.c_str(), &about) == 0 ? about.st_ino : 0;
+}
 
-Result<Server> Server::listen(const std::string& path, Handler handler) {
+Result<Fd> listen_at(const std::string& path) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path.size() >= sizeof(address.sun_path)) {
@@ -64,14 +68,32 @@ Result<Server> Server::listen(const std::string& path, Handler handler) {
       ::chmod(path.c_str(), 0660) != 0 || ::listen(listener.get(), 16) != 0) {
     return Error{fmt::format("cannot listen on {}: {}; is the directory writable?", path, std::strerror(errno))};
   }
-  return Server(std::move(listener), path, std::move(handler));
+  return listener;
 }
 
-Server::Server(Fd listener, std::string path, Handler handler)
-    : listener_(std::move(listener)), path_(std::move(path)), handler_(std::move(handler)) {}
+}  // namespace
+
+Result<Server> Server::listen(const std::string& path, Handler handler) {
+  Server server(path, std::move(handler));
+  if (const auto listens = server.listen_again(); !listens) return listens.error();
+  return server;
+}
+
+Result<> Server::listen_again() {
+  Result<Fd> listener = listen_at(path_);
+  if (!listener) return listener.error();
+  listener_ = std::move(*listener);
+  file_ = inode_of(path_);
+  return done();
+}
+
+bool Server::is_there() const { return inode_of(path_) == file_; }
+
+Server::Server(std::string path, Handler handler) : path_(std::move(path)), handler_(std::move(handler)) {}
 
 Server::Server(Server&& other) noexcept
     : listener_(std::move(other.listener_)),
+      file_(other.file_),
       path_(std::exchange(other.path_, {})),
       handler_(std::move(other.handler_)),
       clients_(std::move(other.clients_)),

@@ -34,6 +34,9 @@ class Server {
 
   // Removes a stale socket file first: the caller holds the robot's lock, so nobody listens there.
   static Result<Server> listen(const std::string& path, Handler handler);
+  // False: its file was removed, or replaced, so that no new client finds it. Those that are connected go on.
+  bool is_there() const;
+  Result<> listen_again();
 
   void add_poll_fds(std::vector<pollfd>& fds) const;
   // Accepts clients, reads, calls the handler for each complete request, writes pending answers. Call after poll().
@@ -58,7 +61,7 @@ class Server {
     std::uint64_t heard_turn = 0;  // of serve(), when it last sent something
   };
 
-  Server(Fd listener, std::string path, Handler handler);
+  Server(std::string path, Handler handler);
   void accept_new();
   // Makes room for one more: ends the client that has been silent longest and waits for no answer.
   bool make_room();
@@ -69,6 +72,7 @@ class Server {
   static bool finished(const Client& client);
 
   Fd listener_;
+  std::uint64_t file_ = 0;  // inode of the socket's file
   std::string path_;
   Handler handler_;
   std::map<std::uint64_t, Client> clients_;

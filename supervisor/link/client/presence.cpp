@@ -117,9 +117,10 @@ Refusal why_silent(const Presence& there) {
                          run_it(there) + "; the e-stop works without it: lithe estop");
     case Supervisor::starting:
       return refusal(there, "starting",
-                     fmt::format("the supervisor of '{}' ({}) starts or stops and takes no commands; {}", name, who,
+                     fmt::format("the supervisor of '{}' ({}) starts or stops, or the file of its socket is gone; {}", name, who,
                                  about_spine(there)),
-                     "try again in a moment; see its log");
+                     "try again in a second: a socket that was removed is made again. If it stays so: has `lithe run` "
+                     "another LITHE_RUN_DIR? See its log; the e-stop works without it: lithe estop");
     case Supervisor::answers:
     case Supervisor::none:
       break;

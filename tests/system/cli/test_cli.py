@@ -230,6 +230,40 @@ def test_estop_works_without_a_supervisor(rig: RobotRig) -> None:
     assert rig.ask("arm")["mode"] == "active"
 
 
+def test_a_socket_that_was_removed_is_made_again(rig: RobotRig) -> None:
+    """Its file alone, then the whole folder; who is connected stays so. The pid file is there again, too."""
+    process = rig.run()
+    rig.wait_for(lambda: rig.lithe("status").returncode == 0)
+    with socket.socket(socket.AF_UNIX) as link:
+        link.connect(str(rig.socket))
+        link.settimeout(60)
+        for lost in (rig.socket.unlink, lambda: shutil.rmtree(rig.socket.parent)):
+            lost()
+            told = json.loads(rig.lithe("--json", "status").stdout)
+            assert told.get("mode") or "socket that was removed is made again" in told["error"]["next"]
+            rig.wait_for(lambda: rig.lithe("status").returncode == 0)
+            assert rig.socket.with_suffix(".pid").read_text().strip() == str(process.pid)
+            link.sendall(b'{"id": 1, "verb": "ping"}\n')
+            assert json.loads(link.recv(4096))["ok"]
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(30) == 0
+    assert list(rig.socket.parent.glob("*.pid")) == [] and not rig.socket.exists()
+
+
+def test_a_second_machine_with_the_same_run_folder_takes_nothing_over(rig: RobotRig) -> None:
+    """A container: shared memory and pids of its own, the folder of the first."""
+    first = rig.run()
+    rig.wrapper = ["unshare", "-mpf", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
+    if subprocess.run([*rig.wrapper, "true"], check=False, capture_output=True).returncode != 0:
+        pytest.skip("no privilege to make a container's view")
+    assert rig.run(wait=False).wait(60) == 1
+    assert f"another supervisor of a robot 'arm', perhaps in another container, holds {rig.socket.parent}" in rig.log()
+    assert f"(pid {first.pid} there)" in rig.log()
+    assert rig.ask("status")["supervisor_pid"] == first.pid and rig.ask("status")["mode"] == "active"
+    assert rig.socket.with_suffix(".pid").read_text().strip() == str(first.pid)
+    assert rig.socket.with_suffix(".values").exists()
+
+
 def test_a_second_run_of_the_same_robot_is_refused_with_the_pid(rig: RobotRig) -> None:
     """And the first one does not notice."""
     first = rig.run()
