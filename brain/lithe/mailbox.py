@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from ._wire import NPARAM, CommandKind, CommandResult, Fault, Mode
 from .errors import Refused, ShmError
-from .shm import BrainWriter, SpineView, dtype, shm_path
+from .shm import SAFELY, BrainWriter, SpineView, dtype, shm_path
 
 ANSWER_S = 2.0  # as long as a supervisor waits
 BRAKING_S = 4.0  # likewise, for a joint to come to rest before the drives are off
@@ -51,7 +51,7 @@ _NEXT = {
 def supervisor_lives(robot: str) -> bool:
     """Whether a process holds the supervisor's lease; also when this user may not look."""
     try:
-        fd = os.open(f"{shm_path(robot, 'control')}.lock", os.O_RDWR | os.O_CLOEXEC)
+        fd = os.open(f"{shm_path(robot, 'control')}.lock", os.O_RDWR | SAFELY)
     except PermissionError:
         return True
     except OSError:

@@ -15,6 +15,7 @@ import ctypes
 import fcntl
 import mmap
 import os
+import pwd
 import threading
 import time
 from pathlib import Path
@@ -28,6 +29,7 @@ from .errors import BadPlan, ShmError
 from .shim import shim
 from .state import fields_of
 
+SAFELY = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK  # others may put links and pipes into /dev/shm
 _TORN = 2**64 - 1
 _NEW_LAW_S = 0.5  # the description of a law that has just begun to run may be that much later than its State
 
@@ -62,6 +64,22 @@ def schema_difference(ours: str, theirs: str) -> str:
     return "\n".join(lines)
 
 
+def _whose(path: str | Path) -> str:
+    """Of a file that we may not open."""
+    user = os.stat(path).st_uid
+    with contextlib.suppress(KeyError):
+        return f": it belongs to {pwd.getpwuid(user).pw_name}; join the group of that file, or run as its owner"
+    return f": it belongs to uid {user}; join the group of that file, or run as its owner"
+
+
+def _open_lock(path: str) -> int:
+    """Without O_CREAT first: with it, the kernel refuses another group member's file (fs.protected_regular)."""
+    try:
+        return os.open(path, os.O_RDWR | SAFELY)
+    except FileNotFoundError:
+        return os.open(path, os.O_RDWR | os.O_CREAT | SAFELY, 0o660)
+
+
 class Mapping:
     """One segment, mapped and checked."""
 
@@ -69,11 +87,11 @@ class Mapping:
         self.path = shm_path(robot, segment)
         self.segment = segment
         try:
-            fd = os.open(self.path, os.O_RDWR if writable else os.O_RDONLY)
+            fd = os.open(self.path, (os.O_RDWR if writable else os.O_RDONLY) | SAFELY)
         except FileNotFoundError:
             raise ShmError(f"robot '{robot}' is not running ({self.path} is absent): lithe run ROBOT.toml") from None
         except PermissionError:
-            raise ShmError(f"no right to open {self.path}: join the group of that file, or run as its owner") from None
+            raise ShmError(f"no right to open {self.path}{_whose(self.path)}") from None
         try:
             status = os.fstat(fd)
             length = status.st_size
@@ -282,9 +300,9 @@ class BrainWriter:
         self.mapping = Mapping(robot, "brain", writable=True)
         lock = f"{self.mapping.path}.lock"
         try:
-            self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o660)
+            self._lock = _open_lock(lock)
         except PermissionError:
-            raise ShmError(f"no right to open {lock}: join the group of that file, or run as its owner") from None
+            raise ShmError(f"no right to open {lock}{_whose(lock)}") from None
         with contextlib.suppress(PermissionError):  # it belongs to another user: leave its mode unchanged
             os.fchown(self._lock, -1, self.mapping.path.stat().st_gid)
             os.fchmod(self._lock, 0o660)  # the umask removed the group's permission

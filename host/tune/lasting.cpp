@@ -119,8 +119,9 @@ Match serial_match(const HostFiles& files, const std::string& path) {
 Plan lasting_plan(const HostFiles& files) {
   Plan plan;
   plan_text(files, plan,
-            {"limits", "/etc/security/limits.d", "lithe.conf", "* - memlock unlimited\n* - nice -20\n",
-             "every user may lock a robot's memory and raise its priority (after the next login)"});
+            {"limits", "/etc/security/limits.d", "lithe.conf", "@lithe - memlock unlimited\n@lithe - nice -20\n",
+             "members of the group lithe may lock a robot's memory and raise its priority, from the next login on: "
+             "groupadd -f lithe; usermod -aG lithe USER"});
   // The dash: a key that the kernel does not have is no error.
   plan_text(files, plan,
             {kSysctlItem, "/etc/sysctl.d", "90-lithe.conf",

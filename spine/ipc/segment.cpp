@@ -17,13 +17,23 @@
 #include <fstream>
 #include <set>
 
+#include "spine/core/host/files.hpp"
 #include "spine/core/time.hpp"
 
 namespace lithe::ipc {
 namespace {
 
-Error system_error(const std::string& path, const std::string& what, const std::string& next) {
-  return Error{path + ": " + what + " (" + std::strerror(errno) + "); " + next};
+constexpr int kSafely = O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK;  // others may put links and pipes into /dev/shm
+
+// `/dev/shm` outlives a robot: the file may be left by another user's.
+Error system_error(const std::string& path, const std::string& what, std::string next) {
+  const int why = errno;
+  struct stat file{};
+  if ((why == EACCES || why == EPERM) && lstat(path.c_str(), &file) == 0 && file.st_uid != geteuid()) {
+    next = "the file belongs to " + user_name(file.st_uid) + ", whose robot has or had this name: let " +
+           user_name(file.st_uid) + " stop it and remove the file, or give yours another name (LITHE_SHM_PREFIX)";
+  }
+  return Error{path + ": " + what + " (" + std::strerror(why) + "); " + next};
 }
 
 // Shared with the group `lithe` if it exists, otherwise with the owner's group.
@@ -90,7 +100,9 @@ Result<> check(const std::string& path, const unsigned char* data, std::size_t s
 
 Result<std::optional<Lease>> Lease::try_take(const std::string& segment_path) {
   const std::string path = segment_path + ".lock";
-  Fd lock(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0660));
+  // Without O_CREAT first: with it, the kernel refuses the file of another member of the group (fs.protected_regular).
+  Fd lock(open(path.c_str(), O_RDWR | kSafely));
+  if (!lock && errno == ENOENT) lock.reset(open(path.c_str(), O_RDWR | O_CREAT | kSafely, 0660));
   if (!lock) return system_error(path, "cannot open the lock file", "check the rights of /dev/shm");
   share_with_group(lock.get());
   for (int tries = 1; flock(lock.get(), LOCK_EX | LOCK_NB) != 0; ++tries) {
@@ -102,7 +114,7 @@ Result<std::optional<Lease>> Lease::try_take(const std::string& segment_path) {
 
 bool Lease::is_held(const std::string& segment_path) {
   const std::string path = segment_path + ".lock";
-  const Fd lock(open(path.c_str(), O_RDONLY | O_CLOEXEC));  // the trial's filter lets nothing be opened to write
+  const Fd lock(open(path.c_str(), O_RDONLY | kSafely));  // the trial's filter lets nothing be opened to write
   if (!lock) return errno == EACCES && may_be_locked(path);
   return flock(lock.get(), LOCK_SH | LOCK_NB) != 0;  // shared: two checks at the same time do not see each other
 }
@@ -115,7 +127,7 @@ Result<> make_read_only(const Mapping& mapping) {
 Result<Mapping> create_mapping(const std::string& path, std::size_t bytes) {
   const std::string making = path + "." + std::to_string(getpid());
   unlink(making.c_str());  // left by a process that died while making it, and had our pid
-  const Fd file(open(making.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0660));
+  const Fd file(open(making.c_str(), O_RDWR | O_CREAT | O_EXCL | kSafely, 0660));
   if (!file) return system_error(making, "cannot create shared memory", "check the rights and the space of /dev/shm");
   share_with_group(file.get());
   const std::size_t size = total_bytes(bytes);
@@ -142,7 +154,7 @@ Result<Mapping> create_mapping(const std::string& path, std::size_t bytes) {
 
 Result<Mapping> attach_mapping(const std::string& path, std::size_t bytes, Access access) {
   const bool write = access == Access::write;
-  const Fd file(open(path.c_str(), (write ? O_RDWR : O_RDONLY) | O_CLOEXEC));
+  const Fd file(open(path.c_str(), (write ? O_RDWR : O_RDONLY) | kSafely));
   if (!file) {
     return system_error(path, "cannot open shared memory",
                         errno == ENOENT ? "start the robot first: lithe run ROBOT.toml" : "are you in group 'lithe'?");

@@ -132,6 +132,36 @@ TEST_F(SegmentTest, TwoWhoLookDoNotTakeEachOtherForTheHolder) {
   close(other);
 }
 
+// A pipe in the place of a lock or a segment: nobody waits for its other end, and nothing is taken for a robot.
+TEST_F(SegmentTest, APipeInTheirPlaceIsNotWaitedFor) {
+  ASSERT_EQ(mkfifo(segment_path().c_str(), 0600), 0);
+  ASSERT_EQ(mkfifo((segment_path() + ".lock").c_str(), 0600), 0);
+  EXPECT_FALSE(Lease::is_held(segment_path()));
+  EXPECT_NE(refusal().find("too short for a LITHE segment"), std::string::npos) << refusal();
+}
+
+TEST_F(SegmentTest, WhatAnotherUserLeftIsSaidToBeTheirs) {
+  if (geteuid() != 0) GTEST_SKIP() << "only root can leave it for another user";
+  auto segment = Brain::create("arm");
+  ASSERT_TRUE(segment && Lease::try_take(segment_path()));
+  ASSERT_EQ(chmod(segment_path().c_str(), 0600) | chmod((segment_path() + ".lock").c_str(), 0600), 0);
+  const pid_t child = fork();
+  if (child == 0) {
+    constexpr uid_t kNobody = 65534;
+    if (setgroups(0, nullptr) != 0 || setgid(kNobody) != 0 || setuid(kNobody) != 0) _exit(kNobodyElse);
+    const auto whose = [](const std::string& message) {
+      return message.find("belongs to root, whose robot has or had this name: let root stop it") != std::string::npos;
+    };
+    const auto lease = Lease::try_take(segment_path());
+    const auto fresh = Brain::create("arm");
+    _exit(!lease && whose(lease.message()) && !fresh && whose(fresh.message()) && whose(refusal()) ? 0 : 1);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  if (WEXITSTATUS(status) == kNobodyElse) GTEST_SKIP() << "no right to become another user";
+  EXPECT_EQ(status, 0);
+}
+
 TEST_F(SegmentTest, WhoMayNotLookIsNotToldThatNobodyIsThere) {
   if (geteuid() != 0) {
     auto lease = Lease::try_take(segment_path());

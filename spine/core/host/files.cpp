@@ -26,11 +26,6 @@ Error too_large(const std::string& path, std::size_t most_bytes) {
 
 constexpr const char* kNoFile = "is a device, a pipe or a socket, not a file";
 
-std::string owner_of(const struct stat& about) {
-  const passwd* user = getpwuid(about.st_uid);
-  return user != nullptr ? user->pw_name : "uid " + std::to_string(about.st_uid);
-}
-
 }  // namespace
 
 Result<Fd> open_regular(int folder, const std::string& path, int flags) {
@@ -41,6 +36,11 @@ Result<Fd> open_regular(int folder, const std::string& path, int flags) {
   if (!file || fstat(file.get(), &about) != 0) return wrong(path, std::strerror(errno));
   if (!S_ISREG(about.st_mode)) return wrong(path, S_ISDIR(about.st_mode) ? "is a directory, not a file" : kNoFile);
   return file;
+}
+
+std::string user_name(uid_t user) {
+  const passwd* entry = getpwuid(user);
+  return entry != nullptr ? entry->pw_name : "uid " + std::to_string(user);
 }
 
 Result<Fd> open_own_folder(const std::string& path, const std::string& variable) {
@@ -57,7 +57,7 @@ Result<Fd> open_own_folder(const std::string& path, const std::string& variable)
   std::snprintf(mode, sizeof mode, "%04o", about.st_mode & 07777U);
   const std::string kind = S_ISLNK(about.st_mode) ? "a symbolic link" : S_ISDIR(about.st_mode) ? "a folder" : "no folder";
   const std::string mend = ours && S_ISDIR(about.st_mode) ? "close it (chmod o-w " + path + ")" : "remove it";
-  return wrong(path, "is not used: it is " + kind + " of " + owner_of(about) + " (mode " + mode +
+  return wrong(path, "is not used: it is " + kind + " of " + user_name(about.st_uid) + " (mode " + mode +
                          "), and others could put files there; " + mend + ", or set " + variable +
                          " to a folder of your own");
 }

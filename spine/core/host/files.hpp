@@ -3,6 +3,8 @@
 // Off the tick.
 #pragma once
 
+#include <sys/types.h>
+
 #include <cstddef>
 #include <filesystem>
 #include <string>
@@ -24,6 +26,9 @@ Result<std::string> read_regular_file(const std::string& path, std::size_t most_
 // A regular file, opened without waiting (a pipe without its other end) and without following a symbolic link. `folder`:
 // where a relative path starts, or AT_FDCWD. `flags` as for openat(); a new file has mode 0640 at most.
 Result<Fd> open_regular(int folder, const std::string& path, int flags);
+
+// "alice", or "uid 1001" when the user has no name here.
+std::string user_name(uid_t user);
 
 // The folder, opened. Error when others could put files there, or replace it: it is no real directory, belongs neither to
 // this user nor to root, or is open to everybody; `variable` (of the environment) can name another one. Members of its

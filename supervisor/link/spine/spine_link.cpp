@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "supervisor/link/spine/spine_link.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
-#include <fstream>
 #include <iterator>
 
 #include "spine/arena/arena.hpp"
 #include "spine/core/histogram.hpp"
+#include "spine/core/host/files.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
 #include "supervisor/core/process.hpp"
@@ -37,9 +38,9 @@ std::optional<pid_t> spine_now(const std::string& robot) {
   if (!ipc::Lease::is_held(Spine::path(robot))) return std::nullopt;
   // Read as bytes: a Spine of another build has another layout, but the same header.
   wire::SegmentHeader header{};
-  std::ifstream file(Spine::path(robot), std::ios::binary);
-  file.read(reinterpret_cast<char*>(&header), sizeof(header));
-  const bool known = file.gcount() == sizeof(header) && header.magic == wire::kMagic;
+  const auto file = open_regular(AT_FDCWD, Spine::path(robot), O_RDONLY);
+  const bool known =
+      file && ::read(file->get(), &header, sizeof header) == sizeof header && header.magic == wire::kMagic;
   return known ? static_cast<pid_t>(header.writer_pid) : 0;
 }
 
