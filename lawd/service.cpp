@@ -92,6 +92,7 @@ Service::Service(std::string cache, int arena_fd, const Limits& compiler)
   else
     arena_error_ = writer.message();
   if (arena::is_memory(arena_fd)) close(arena_fd);
+  sweep_scratch(cache_ + "/laws");
 }
 
 json Service::answer(const std::string& line) {

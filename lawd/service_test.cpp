@@ -221,6 +221,18 @@ TEST_F(ServiceTest, RefusedLawLeavesNothingInTheCache) {
   EXPECT_EQ(entries, 0u);
 }
 
+// Of a service that was killed while it compiled; not of one that still does.
+TEST_F(ServiceTest, WhatAKilledServiceLeftIsSweptAtTheStart) {
+  const std::string folder = cache_.path() + "/laws";
+  const ScratchDir in_use(folder);
+  EXPECT_EQ(std::string(std::getenv("TMPDIR")), in_use.path()) << "where the compiler keeps its own files";
+  std::filesystem::create_directories(folder + "/scratch.killed/below");
+  std::ofstream(folder + "/scratch.killed/cc.s") << "x";
+  const Service next(cache_.path(), -1);
+  EXPECT_FALSE(std::filesystem::exists(folder + "/scratch.killed"));
+  EXPECT_TRUE(std::filesystem::exists(in_use.path()));
+}
+
 TEST(KeepNewest, RemovesWholeLawsOldestFirstUntilTheRestFits) {
   const TestCache cache;
   const std::filesystem::path folder = std::filesystem::path(cache.path()) / "laws";

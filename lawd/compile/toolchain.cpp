@@ -111,7 +111,7 @@ void Toolchain::precompile() {
   }
   fs::create_directories(dir + "/lithe", failed);
   const auto start = std::chrono::steady_clock::now();
-  const ScratchDir scratch(dir);
+  const ScratchDir scratch(cache_ + "/laws");
   if (scratch.path().empty()) return;
   const std::string part = scratch.path() + "/law.hpp.gch";
   std::vector<std::string> command = base_command();

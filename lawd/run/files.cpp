@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lawd/run/files.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
+
 #include <algorithm>
 #include <cerrno>
 #include <cstdlib>
@@ -53,14 +56,36 @@ void keep_newest(const std::string& folder, std::uintmax_t most_bytes) {
   }
 }
 
+namespace {
+
+constexpr const char* kScratch = "scratch.";
+
+// Empty when another process holds it.
+Fd lock_folder(const std::string& path) {
+  Fd folder(open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
+  return folder && flock(folder.get(), LOCK_EX | LOCK_NB) == 0 ? std::move(folder) : Fd();
+}
+
+}  // namespace
+
+void sweep_scratch(const std::string& parent) {
+  for (const fs::path& path : files_in(parent)) {
+    std::error_code ignored;
+    if (path.filename().string().starts_with(kScratch) && lock_folder(path)) fs::remove_all(path, ignored);
+  }
+}
+
 ScratchDir::ScratchDir(const std::string& parent) {
   std::error_code failed;
   std::filesystem::create_directories(parent, failed);
-  std::string name = parent + "/scratch.XXXXXX";
-  if (mkdtemp(name.data()) == nullptr)
+  std::string name = parent + "/" + kScratch + "XXXXXX";
+  if (mkdtemp(name.data()) == nullptr) {
     error_ = std::strerror(errno);
-  else
-    path_ = name;
+    return;
+  }
+  path_ = name;
+  lock_ = lock_folder(path_);
+  setenv("TMPDIR", path_.c_str(), 1);
 }
 
 ScratchDir::~ScratchDir() {

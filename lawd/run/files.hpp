@@ -6,6 +6,8 @@
 #include <optional>
 #include <string>
 
+#include "spine/core/host/fd.hpp"
+
 namespace lithe::lawd {
 
 // The bytes of a file; empty when it cannot be read.
@@ -15,7 +17,11 @@ std::optional<std::string> read_file(const std::string& path);
 // their ending only go together. What cannot be read or removed stays.
 void keep_newest(const std::string& folder, std::uintmax_t most_bytes);
 
-// A temporary directory, removed with this object.
+// Removes the temporary directories in a folder whose processes were killed.
+void sweep_scratch(const std::string& parent);
+
+// A temporary directory, removed with this object, and locked until then. The compiler's own files go there, too
+// (TMPDIR): one that is killed leaves nothing elsewhere.
 class ScratchDir {
  public:
   explicit ScratchDir(const std::string& parent);
@@ -28,6 +34,7 @@ class ScratchDir {
  private:
   std::string path_;
   std::string error_;
+  Fd lock_;
 };
 
 }  // namespace lithe::lawd

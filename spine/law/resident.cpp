@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/law/resident.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <string_view>
@@ -17,10 +18,11 @@ bool is_text(const char (&text)[N]) {
 
 template <std::size_t N>
 bool shows(const char (&text)[N]) {
-  return is_printable(std::string_view(text, ::strnlen(text, N)));
+  const std::string_view name(text, ::strnlen(text, N));
+  return is_printable(name) && std::ranges::none_of(name, [](char c) { return (c & 0x80) != 0; });
 }
 
-// They reach terminals, logs and certificates.
+// They reach terminals, logs and certificates. ASCII alone: letters of other alphabets may look like a known name.
 bool names_are_printable(const LitheLaw& law) {
   bool all = shows(law.name);
   for (std::uint32_t i = 0; i < law.state_count; ++i) all = all && shows(law.state[i].name);
@@ -66,8 +68,8 @@ const char* check_law(const LitheLaw& law) {
   for (std::uint32_t i = 0; i < law.probe_count; ++i)
     if (!is_text(law.probes[i])) return "the Probes description is damaged";
   if (!names_are_printable(law)) {
-    return "a name of the law, or of its State, Params or Probes, is not printable text: no control characters, no "
-           "escapes, UTF-8";
+    return "a name of the law, or of its State, Params or Probes, is not printable ASCII: no control characters, no "
+           "escapes, no letters that only look alike";
   }
   return law.step == nullptr ? "the law has no step" : nullptr;
 }

@@ -158,6 +158,15 @@ char state_of(pid_t pid) {
   return stat.empty() ? '?' : stat.front();
 }
 
+std::string command_of(pid_t pid) {
+  constexpr std::size_t kMostShown = 100;
+  std::string line;
+  std::ifstream file(fmt::format("/proc/{}/cmdline", pid));
+  for (std::string word; std::getline(file, word, '\0') && line.size() < kMostShown;)
+    line += (line.empty() ? "" : " ") + word;
+  return printable(line.substr(0, kMostShown));
+}
+
 std::vector<int> cores_beside(const std::vector<int>& allowed, int spine_cpu, int transport_cpu) {
   std::vector<int> rest = allowed;
   for (const int taken : {spine_cpu, transport_cpu}) {

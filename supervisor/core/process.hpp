@@ -64,6 +64,9 @@ Work work_of_session(pid_t leader);
 // `allowed` is.
 std::vector<int> cores_beside(const std::vector<int>& allowed, int spine_cpu, int transport_cpu);
 
+// Its command line, printable, 100 characters at most; empty when it has ended, or is in another container.
+std::string command_of(pid_t pid);
+
 // State of a process as in proc(5): R, S, D, T ...; '?' when it cannot be read.
 char state_of(pid_t pid);
 inline bool is_stopped(char state) { return state == 'T' || state == 't'; }

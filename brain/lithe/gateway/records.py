@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +125,7 @@ class Records:
     def _fields(self, args: Args, usual: list[str]) -> list[str]:
         known = (*MADE, *(dtype("Telemetry").names or ()))
         fields = args.get("fields") or usual
+        _few(fields, known, "fields")
         for name in fields:
             if name not in known:
                 raise Refused("unknown_field", f"telemetry has no field '{name}'", f"one of {', '.join(known)}")
@@ -132,6 +133,7 @@ class Records:
 
     def _joints(self, args: Args) -> list[int]:
         known = list(self._robot.spine.joint_names)
+        _few(args.get("joints") or (), known, "joints")
         for name in args.get("joints") or ():
             if name not in known:
                 raise Refused("unknown_joint", f"there is no joint '{name}'", nearest(str(name), known))
@@ -162,6 +164,12 @@ def _made(records: Any, name: str) -> npt.NDArray[np.float64]:
     rows = np.atleast_1d(records)
     made = aligned_error_rad(rows) if name == "error_rad" else sample_age_s(rows)
     return made if np.ndim(records) else np.asarray(made[0])
+
+
+def _few(names: Sequence[str], known: Sequence[str], what: str) -> None:
+    """Each name may stand there once: more would keep the gateway busy for nothing."""
+    if len(names) > len(known):
+        raise Refused("too_many", f"{len(names)} {what}; there are {len(known)}", "name each of them once")
 
 
 def _object(columns: dict[str, list[bytes]], more: Args) -> Encoded:

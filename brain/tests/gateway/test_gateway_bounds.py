@@ -250,3 +250,12 @@ def test_a_token_file_that_a_gateway_serves_with_is_not_overwritten(rig: RobotRi
         words, _ = process.communicate(timeout=60)
         assert process.returncode == 1 and "--token-file with another name" in words, words
         assert token.read_text() == "of another gateway\n"
+
+
+def test_more_names_than_there_are_hold_nobody_up(gateway: Gateway) -> None:
+    with Remote("127.0.0.1", gateway.port, "sesame") as remote:
+        for verb, what, name in (("history", "fields", "tick"), ("latest", "fields", "tick"), ("history", "joints", "shoulder")):
+            with pytest.raises(lithe.Refused, match=rf"60000 {what}; there are \d+\n.*name each of them once") as refused:
+                remote.call(verb, **{what: [name] * 60_000})
+            assert refused.value.code == "too_many"
+        assert remote.call("history", fields=["tick"])["tick"]

@@ -60,7 +60,8 @@ Refusal refused_by_estop(CommandKind kind) {
   const std::string code(to_string(CommandResult::refused_estop));
   const std::string message = fmt::format("cannot {}: the e-stop is pressed", to_string(kind));
   if (kind == CommandKind::reset)
-    return {code, message, "a Brain holds it: reset from there (robot.reset()), or end that Brain and reset again"};
+    return {code, message, "a Brain holds it: reset from there (robot.reset(); a gateway's client: the verb reset), or end "
+                           "that Brain and reset again"};
   return {code, message,
           kind == CommandKind::disarm ? "the law is off already; lithe reset leaves the e-stop with the drives off"
                                       : "when it is safe: lithe reset, then lithe arm"};
@@ -358,7 +359,11 @@ void Commands::serve(std::int64_t now_ns) {
                   fmt::format("{} is not confirmed: no answer within 2 s; it may still take effect", to_string(kind)),
                   "see what the robot does: lithe status"});
     } else if (result != CommandResult::done) {
-      each.callback(refusal_of(kind, result, now, spine_.info(), drives_ ? drives_() : DriveFacts{}));
+      Refusal refusal = refusal_of(kind, result, now, spine_.info(), drives_ ? drives_() : DriveFacts{});
+      if (result == CommandResult::refused_estop)
+        if (const std::string holder = spine_.estop_holder(); !holder.empty())
+          refusal.message += fmt::format(", and held by the Brain, {}", holder);
+      each.callback(refusal);
     } else if (each.seen_at_tick == 0) {
       each.seen_at_tick = now.tick + 1;  // the tick that handled the command publishes its record after its answer
       pending_.push_back(std::move(each));

@@ -246,6 +246,16 @@ void SpineLink::heartbeat(std::int64_t now_ns) {
 
 void SpineLink::press_estop() { ipc::store_word(control_->estop.value, 1, std::memory_order_release); }
 
+std::string SpineLink::estop_holder() const {
+  const std::string robot = text_of(info_.robot);
+  const auto brain = ipc::Segment<ipc::BrainMemory>::attach(robot, ipc::Access::read);
+  if (!brain || ipc::load_word((*brain)->estop.value, std::memory_order_relaxed) == 0) return "";
+  if (!ipc::Lease::is_held(ipc::Segment<ipc::BrainMemory>::path(robot))) return "";  // it died: reset clears its word
+  const auto pid = static_cast<pid_t>(ipc::load_word((*brain)->header.writer_pid, std::memory_order_relaxed));
+  const std::string command = command_of(pid);
+  return fmt::format("pid {}{}", pid, command.empty() ? "" : fmt::format(" ({})", command));
+}
+
 void SpineLink::release_estop() {
   ipc::store_word(control_->estop.value, 0, std::memory_order_release);
   // A Brain that died with its e-stop word set cannot clear it. Its lease is free then, so we clear it.

@@ -115,6 +115,8 @@ class SpineLink {
   void heartbeat(std::int64_t now_ns);
   void press_estop();
   void release_estop();
+  // "pid 17 (python3 -m lithe.gateway)" of a Brain that lives and has its e-stop word set; empty: none.
+  std::string estop_holder() const;
 
  private:
   struct Slot {

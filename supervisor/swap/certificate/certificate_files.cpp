@@ -6,8 +6,8 @@
 #include <stdio.h>
 
 #include <algorithm>
-#include <fstream>
 #include <map>
+#include <sstream>
 #include <system_error>
 #include <utility>
 
@@ -45,6 +45,13 @@ std::string read(const fs::path& path) {
   return text ? *text : "";
 }
 
+// The lines of the chain; none when there is no such file.
+std::istringstream read_chain(const fs::path& path) {
+  constexpr std::size_t kMostBytes = std::size_t{1} << 30;  // millions of swaps
+  auto text = read_regular_file(path.string(), kMostBytes);
+  return std::istringstream(text ? std::move(*text) : "");
+}
+
 // One value of a line of the chain; empty when the line is cut or has no such text.
 std::string string_of(const std::string& line, const char* key) {
   const Json entry = Json::parse(line, nullptr, false);
@@ -55,7 +62,7 @@ std::string string_of(const std::string& line, const char* key) {
 // Hash of the writing before the last one; empty = none.
 std::string hash_before_last(const fs::path& chain, const std::string& name) {
   std::string last, before;
-  std::ifstream file(chain, std::ios::binary);
+  std::istringstream file = read_chain(chain);
   for (std::string line; std::getline(file, line);)
     if (string_of(line, "file") == name) before = std::exchange(last, string_of(line, "sha256"));
   return before;
@@ -85,7 +92,7 @@ struct Writing {
 };
 
 std::size_t count_lines(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
+  std::istringstream file = read_chain(path);
   std::size_t lines = 0;
   for (std::string line; std::getline(file, line);) ++lines;
   return lines;
@@ -94,7 +101,7 @@ std::size_t count_lines(const fs::path& path) {
 std::map<std::string, std::vector<Writing>> read_lines(const fs::path& path, Chain& chain) {
   std::map<std::string, std::vector<Writing>> writings;
   std::string previous;
-  std::ifstream file(path, std::ios::binary);
+  std::istringstream file = read_chain(path);
   for (std::string line; std::getline(file, line);) {
     const std::size_t number = ++chain.writings;
     const Json entry = Json::parse(line, nullptr, false);
@@ -153,13 +160,13 @@ Result<> CertificateFiles::open() {
 }
 
 Result<> CertificateFiles::find_end() {
-  std::ifstream file(dir_ / kChain, std::ios::binary);
+  std::istringstream file = read_chain(dir_ / kChain);
   std::string last;
   for (std::string line; std::getline(file, line);) {
     last = line;
     line_is_cut_ = file.eof();
   }
-  last_line_ = file.is_open() && !last.empty() ? sha256_hex(last) : last_line_;
+  last_line_ = !last.empty() ? sha256_hex(last) : last_line_;
   const std::string name = string_of(last, "file");
   const std::string text = name.empty() ? "" : read(dir_ / name);
   // When the run ended between a line and its file, the file still holds the writing before; the chain then goes on
@@ -238,10 +245,9 @@ Result<> CertificateFiles::put(const Page& page, Json certificate) {
 Result<> CertificateFiles::add_line(const Page& page, const std::string& text) {
   const Json entry = {{"file", page.path.filename().string()}, {"sha256", sha256_hex(text)}, {"previous", last_line_}};
   const std::string line = entry.dump();
-  std::ofstream chain(dir_ / kChain, std::ios::binary | std::ios::app);
-  chain << (line_is_cut_ ? "\n" : "") << line << '\n';
-  chain.flush();
-  if (!chain) {
+  const auto chain = open_regular(AT_FDCWD, (dir_ / kChain).string(), O_WRONLY | O_CREAT | O_APPEND);
+  if (!chain) return chain.error();
+  if (write_all(chain->get(), (line_is_cut_ ? "\n" : "") + line + '\n') != 0) {
     next_ = 0;  // the next write checks how much was written
     return cannot_write(dir_ / kChain);
   }

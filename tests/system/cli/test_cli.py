@@ -372,6 +372,17 @@ def test_a_full_disk_loses_the_record_and_nothing_else(rig: RobotRig) -> None:
     assert "cannot create" in rig.log()
 
 
+def test_a_pipe_in_the_place_of_the_records_is_named_and_holds_nobody(rig: RobotRig) -> None:
+    """Nobody reads or writes its other end."""
+    swaps = rig.dir / "out" / "arm" / "swaps"
+    swaps.mkdir(parents=True)
+    for name in ("chain.jsonl", "0001.json"):
+        os.mkfifo(swaps / name)
+    rig.run()
+    assert rig.ask("swap", LAWS / "hold.cpp")["verdict"] == "committed"
+    assert "chain.jsonl: is a device, a pipe or a socket, not a file" in rig.ask("status")["certificates_error"]
+
+
 def test_a_robot_that_starts_is_not_said_to_be_absent(rig: RobotRig) -> None:
     process = rig.run(wait=False)
     rig.wait_for(lambda: any(rig.socket.parent.glob("*.pid")))

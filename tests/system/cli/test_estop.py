@@ -3,6 +3,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 from lithe._wire import SEGMENTS
@@ -90,3 +92,22 @@ def test_files_of_a_dead_robot_are_no_robot(rig: RobotRig) -> None:
     rig.wait_for(lambda: rig.lithe("estop").returncode == 1)
     assert rig.segments() != []
     assert rig.ask("estop", code=1)["error"]["code"] == "no_robot"
+
+
+def test_who_holds_the_estop_is_named_with_the_way_out(rig: RobotRig) -> None:
+    """A Brain's word is not the supervisor's to clear: status and reset name its process."""
+    rig.run()
+    code = "import lithe, time; robot = lithe.connect(); robot.estop(); print(flush=True); time.sleep(600)"
+    with subprocess.Popen([sys.executable, "-c", code], env=rig.env, stdout=subprocess.PIPE) as brain:
+        assert brain.stdout is not None
+        brain.stdout.readline()
+        holder = f"pid {brain.pid} ({sys.executable} -c import lithe"
+        status = rig.ask("status")
+        assert status["estop_held_by"].startswith(holder)
+        assert f"the e-stop is held by the Brain, {holder}" in status["alarms"][0]["text"]
+        error = rig.ask("reset", code=1)["error"]
+        assert error["code"] == "refused_estop" and f"held by the Brain, {holder}" in error["message"]
+        assert "reset from there" in error["next"] and "end that Brain and reset again" in error["next"]
+        brain.kill()
+    assert rig.ask("reset")["mode"] == "disarmed"
+    assert "estop_held_by" not in rig.ask("status")
