@@ -156,7 +156,7 @@ _VERBS = (
         "A tool's answer has at most 65536 bytes, about 5000 numbers: choose fields and joints; else ticks are left "
         "out, and `every` says so.",
         args={
-            "seconds": _number("how far back, at most 60", exclusiveMinimum=0),
+            "seconds": _number("how far back", exclusiveMinimum=0, maximum=60),
             "since_tick": _integer("only ticks after this one", minimum=0),
             "until_tick": _integer("no ticks after this one", minimum=0),
             "every": _integer("only ticks that it divides", minimum=1),
@@ -172,7 +172,7 @@ _VERBS = (
         "and torque, missed ticks, for how long no plan was followed, and in which share of the ticks the guard "
         "changed a joint's torque, with the flags of these ticks. Mode active only. `law_changed`: the law or its "
         "parameters changed since your last call, why, and what leads back.",
-        args={"seconds": _number("how far back, at most 60 (default 4)", exclusiveMinimum=0)},
+        args={"seconds": _number("how far back (default 4)", exclusiveMinimum=0, maximum=60)},
     ),
     Verb(
         "identify",

@@ -13,6 +13,7 @@ namespace lithe::lawd {
 namespace {
 
 constexpr std::size_t kMaxSourceBytes = std::size_t{256} << 10;
+constexpr std::size_t kMaxNested = 256;  // as C++ asks of a compiler (annex B); g++ needs half a minute for 60,000
 
 class Source {
  public:
@@ -60,9 +61,23 @@ class Source {
                       std::string(kWholeLaw),
                   1, 1);
     }
+    check_nesting();
     if (text_.find('\0') == std::string_view::npos) check_prose();  // a file with a NUL byte is refused as no text
     for (const Ambiguity& ambiguity : tokens_.ambiguities)
       out_.refuse(gate_, ambiguity.message, ambiguity.line, ambiguity.column);
+  }
+
+  void check_nesting() {
+    std::size_t depth = 0;
+    for (const Token& token : tokens_.list) {
+      if (token.kind != TokenKind::mark) continue;
+      if (token.text == "(" || token.text == "[" || token.text == "{") ++depth;
+      if ((token.text == ")" || token.text == "]" || token.text == "}") && depth > 0) --depth;
+      if (depth > kMaxNested) {
+        return refuse(token, "brackets are nested more than " + std::to_string(kMaxNested) +
+                                 " deep: split the expression, or close what was opened");
+      }
+    }
   }
 
   // Words around the code, as a language model writes them.

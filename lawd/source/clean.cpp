@@ -266,6 +266,8 @@ class Cleaner {
 }  // namespace
 
 Cleaned clean_source(std::string_view sent, Admission& out) {
+  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";  // some editors begin UTF-8 with it
+  if (sent.starts_with(kByteOrderMark)) sent.remove_prefix(kByteOrderMark.size());
   if (sent.find('\0') != std::string_view::npos) return {std::string(sent), {}};  // no text at all: admission says so
   Cleaner cleaner(sent);
   if (!cleaner.take_block(out)) return {std::string(sent), {}};

@@ -98,6 +98,25 @@ TEST(AdmissionSource, AFileThatIsNoTextIsToldSoOnce) {
   }
 }
 
+TEST(AdmissionSource, BracketsAreNestedToABound) {
+  const auto nested = [](std::size_t depth, const std::string& open, const std::string& close) {
+    std::string text = "int x = ";
+    for (std::size_t i = 0; i < depth; ++i) text += open;
+    text += "1";
+    for (std::size_t i = 0; i < depth; ++i) text += close;
+    const Admission said = source(text + ";\n");
+    return std::ranges::any_of(said.findings, [](const auto& finding) {
+      return finding.message.find("nested more than 256 deep") != std::string::npos && finding.line == 1;
+    });
+  };
+  for (const auto& [open, close] : {std::pair("(", ")"), {"{", "}"}, {"[", "]"}, {"((", ")"}}) {
+    EXPECT_FALSE(nested(100, open, close)) << open;
+    EXPECT_TRUE(nested(60'000, open, close)) << open;
+  }
+  EXPECT_FALSE(nested(256, "(", ")"));
+  EXPECT_TRUE(nested(257, "(", ")"));
+}
+
 TEST(AdmissionSource, AnyBytesAreSafe) {
   std::mt19937 random(7);
   using namespace std::string_literals;

@@ -45,6 +45,12 @@ TEST(Clean, AWholeLawIsAsSent) {
   }
 }
 
+TEST(Clean, AByteOrderMarkIsNoLetter) {
+  Admission out;
+  EXPECT_EQ(clean_source("\xEF\xBB\xBF" + kLaw, out).text, kLaw);
+  EXPECT_TRUE(out.ok());
+}
+
 TEST(Clean, WhatStandsAroundItIsTakenOffAndLinesKeepTheirNumbers) {
   const std::string prose = "Sure! Here's the improved law:\n\n";
   for (const std::string& text :

@@ -182,6 +182,7 @@ std::string values(const std::string& text) {
 TEST(Robot, WaysToWriteTheSameRobotHaveTheSameValues) {
   const std::string plain = values(kSmallest);
   EXPECT_EQ(values("# a comment\n" + kSmallest), plain);
+  EXPECT_EQ(values("\xEF\xBB\xBF" + kSmallest), plain) << "a byte order mark";
   EXPECT_EQ(values(replaced("position_max_rad = 1\n", "position_max_rad = 1.0\n")), plain);
   EXPECT_EQ(values(kSmallest + "[joint.sim]\nseed = 1\n"), plain) << "a default that is written";
   EXPECT_EQ(values(kSmallest + "[guard]\nsoft_start_s = 0.5\n"), plain);

@@ -20,6 +20,7 @@
 
 #include "spine/core/host/files.hpp"
 #include "spine/core/host/realtime.hpp"
+#include "spine/core/text.hpp"
 
 namespace lithe::control {
 namespace {

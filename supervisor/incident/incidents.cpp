@@ -91,7 +91,7 @@ Json read_one(const fs::path& folder, std::uint64_t id) {
 std::string put(const fs::path& path, const std::string& bytes) {
   const std::string why = write_file_whole(path.string(), bytes);
   return why.empty() ? ""
-                     : fmt::format("cannot write {}: {}; disk full, over a limit, or read-only?", path.string(), why);
+                     : fmt::format("cannot write {}: {}", path.string(), why);
 }
 
 }  // namespace

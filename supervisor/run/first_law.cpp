@@ -57,6 +57,12 @@ void Supervisor::compile_first_law() {
   first_law_ = options_.law.empty() ? config_.law : options_.law;
   if (first_law_.empty()) return;
   auto source = read_regular_file(first_law_, kMaxLawBytes);
+  if (const fs::path known = fs::path(options_.laws) / fs::path(first_law_).filename();
+      options_.law.empty() && !fs::exists(first_law_) && fs::exists(known)) {
+    spdlog::warn("there is no {}: {} is taken", first_law_, known.string());
+    first_law_ = known.string();
+    source = read_regular_file(first_law_, kMaxLawBytes);
+  }
   if (!source || source->empty()) {
     throw Halt{2, fmt::format("cannot read the law {}; give another with --law FILE",
                               source ? first_law_ + ": it is empty" : source.message())};

@@ -44,6 +44,7 @@ inline constexpr const char* kValuesEnding = ".values";  // RobotConfig::values 
 struct RunOptions {
   std::string config_path;
   std::string law;      // overrides the file's; empty: the file's
+  std::string laws;     // folder of the laws that come with LITHE: for a robot file that was copied without its law
   bool arm = true;      // arm once the law runs
   bool json = false;    // announce in JSON on stdout
   bool shield = false;  // keep all other tasks off the Spine's core for the life of the robot

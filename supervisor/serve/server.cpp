@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <sys/un.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <exception>
@@ -20,6 +21,7 @@ namespace {
 
 constexpr std::size_t kMaxShownBytes = 100;
 constexpr int kRequestsPerTurn = 16;  // of one client; in between the others are served and the heartbeat is sent
+constexpr std::size_t kMostTold = 200;  // of what the JSON reader says
 constexpr int kMostNested = 32;       // arguments are two objects deep; the JSON reader and writer are recursive
 
 std::string answer_line(const Json& id, const Answer& answer) {
@@ -203,15 +205,25 @@ void Server::handle(std::uint64_t key, Client& client, const std::string& line) 
     too_deep = too_deep || depth > kMostNested;
     return !too_deep;
   };
-  const Json request = Json::parse(line, note_depth, false);
+  Json request;
+  std::string no_json;
+  try {
+    request = Json::parse(line, note_depth);
+  } catch (const Json::exception& error) {
+    no_json = error.what();
+    no_json = printable(no_json.substr(std::min(no_json.find("] ") + 2, no_json.size())).substr(0, kMostTold));
+  }
   if (too_deep) {
     return reply({key, nullptr}, Refusal{"bad_request", fmt::format("a request is at most {} levels deep", kMostNested),
                                          "docs/reference/verbs.md lists the verbs and their arguments"});
   }
   if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
     return reply({key, request.is_object() ? request.value("id", Json(nullptr)) : Json(nullptr)},
-                 Refusal{"bad_request", "a request is one line of JSON: {\"id\":1,\"verb\":\"status\",\"args\":{}}",
-                         "docs/reference/verbs.md lists the verbs"});
+                 Refusal{"bad_request",
+                         "a request is one line of JSON: {\"id\":1,\"verb\":\"status\",\"args\":{}}" +
+                             (no_json.empty() ? "" : "; this is none: " + no_json),
+                         no_json.empty() ? "docs/reference/verbs.md lists the verbs"
+                                       : "JSON has no NaN, no Infinity and no number beyond 1.8e308; its text is UTF-8"});
   }
   const ReplyTo to{key, request.value("id", Json(nullptr))};
   const Json args = request.value("args", Json::object());

@@ -108,6 +108,18 @@ TEST_F(ServerTest, AnswersGarbageWithAnErrorAndGoesOn) {
   EXPECT_EQ(line_from(fd)["id"], 5);
 }
 
+TEST_F(ServerTest, SaysWhereARequestIsNoJson) {
+  const Fd fd = raw();
+  for (const auto& [value, told] : {std::pair("NaN", "invalid literal"), {"1e400", "number overflow parsing '1e400'"},
+                                    {"\"\xff\"", "ill-formed UTF-8 byte"}, {"", "syntax error"}}) {
+    send(fd, std::string("{\"id\":1,\"verb\":\"echo\",\"args\":{\"v\":") + value + "}}\n");
+    const Json error = line_from(fd)["error"];
+    EXPECT_NE(error["message"].get<std::string>().find("this is none: "), std::string::npos) << error;
+    EXPECT_NE(error["message"].get<std::string>().find(told), std::string::npos) << error;
+    EXPECT_NE(error["next"].get<std::string>().find("no NaN"), std::string::npos) << error;
+  }
+}
+
 // Wherever a client may put a word. The source of a law has its own rules.
 TEST_F(ServerTest, WordsThatAreNotPrintableAreRefusedAndShownHarmlessly) {
   const Fd fd = raw();

@@ -88,6 +88,9 @@ void Verbs::add_looks() {
   };
   verbs_["incidents"] = [this](const ReplyTo& to, const Json&) { reply_(to, parts_.incidents.list()); };
   verbs_["incident"] = [this](const ReplyTo& to, const Json& args) {
+    if (args.contains("id") && !args["id"].is_number_unsigned())
+      return reply_(to, Refusal{"usage", fmt::format("'{}' is no number of an incident", args["id"].dump()),
+                                "incidents lists them, from 1"});
     reply_(to, parts_.incidents.show(args.value("id", std::uint64_t{0})));
   };
   verbs_["params"] = [this](const ReplyTo& to, const Json&) { reply_(to, params_json(parts_.spine)); };

@@ -23,7 +23,7 @@ from ..shm import dtype
 from ..vocabulary import nearest
 from .answers import Encoded, as_json
 from .measure import aligned_error_rad, measured, sample_age_s
-from .past import Past
+from .past import KEPT_S, Past
 from .turns import MOST_UNSENT_BYTES, Turns
 
 Args = dict[str, Any]
@@ -62,7 +62,7 @@ class Records:
     def measure(self, args: Args) -> Any:
         """How well the running law follows; with its name and its parameters."""
         with self.turns.long_answer():
-            told = measured(*self._past.window(float(args.get("seconds", 4.0))), self._robot.spine.joint_names)
+            told = measured(*self._past.window(_seconds(args, 4.0)), self._robot.spine.joint_names)
         law, live = params_of(self._robot.spine), self._robot.spine.params()
         if law["law_id"] != told["law_id"]:  # another one runs since
             return told
@@ -73,7 +73,7 @@ class Records:
 
     def _recent(self, args: Args) -> Encoded:
         since = int(args["since_tick"]) if "since_tick" in args else None
-        seconds = float(args.get("seconds", 1.0))
+        seconds = _seconds(args, 1.0)
         pieces, wanted = self._robot.telemetry.pieces(PIECE_TICKS, since_tick=since, seconds=seconds)
         full = next((piece for piece in pieces if len(piece)), np.empty(0, dtype("Telemetry")))
         older, more = full[:0], {}
@@ -164,6 +164,13 @@ def _made(records: Any, name: str) -> npt.NDArray[np.float64]:
     rows = np.atleast_1d(records)
     made = aligned_error_rad(rows) if name == "error_rad" else sample_age_s(rows)
     return made if np.ndim(records) else np.asarray(made[0])
+
+
+def _seconds(args: Args, usual: float) -> float:
+    seconds = float(args.get("seconds", usual))
+    if not 0 < seconds <= KEPT_S:
+        raise Refused("usage", f"seconds = {seconds:g}", f"above 0, at most {KEPT_S:g}: no more is kept")
+    return seconds
 
 
 def _few(names: Sequence[str], known: Sequence[str], what: str) -> None:

@@ -259,3 +259,17 @@ def test_more_names_than_there_are_hold_nobody_up(gateway: Gateway) -> None:
                 remote.call(verb, **{what: [name] * 60_000})
             assert refused.value.code == "too_many"
         assert remote.call("history", fields=["tick"])["tick"]
+
+
+def test_what_cannot_be_is_refused_and_not_bent(gateway: Gateway) -> None:
+    with Remote("127.0.0.1", gateway.port, "sesame") as remote:
+        for verb, args, told in (
+            ("measure", {"seconds": 100}, "at most 60"),
+            ("history", {"seconds": -1}, "above 0"),
+            ("incident", {"id": -1}, "'-1' is no number of an incident"),
+        ):
+            with pytest.raises(lithe.Refused, match=told):
+                remote.call(verb, **args)
+        none = remote.call("events", kind="nonsense")
+        assert none["events"] == [] and none["next"].startswith("no event has the kind nonsense; kinds of those there are:")
+        assert "armed" in none["next"]

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <optional>
@@ -53,6 +54,9 @@ struct TuneWords {
 };
 
 int exit_code(const control::Refusal& refusal);
+
+// The laws that come with LITHE: installed beside the program, else the source tree it was built from.
+std::filesystem::path laws_dir();
 
 // The robots of this machine, also those whose Spine ticks without a supervisor.
 int list(const Context& context);

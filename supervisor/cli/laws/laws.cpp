@@ -28,12 +28,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Installed beside the program, else the source tree it was built from.
-fs::path laws_dir() {
-  const fs::path installed = fs::path(program_dir()) / "../share/lithe/laws";
-  return fs::is_directory(installed) ? installed : fs::path(LITHE_LAWS_DIR);
-}
-
 struct Source {
   std::string name;
   std::string text;
@@ -161,6 +155,11 @@ void print_laws(const Json& laws) {
 }
 
 }  // namespace
+
+fs::path laws_dir() {
+  const fs::path installed = fs::path(program_dir()) / "../share/lithe/laws";
+  return fs::is_directory(installed) ? installed : fs::path(LITHE_LAWS_DIR);
+}
 
 int rollback(const Context& context, int steps) {
   return finish(context, ask(context, "rollback", {{"steps", steps}}),

@@ -55,6 +55,7 @@ void add_run(CLI::App& app, CommandLine& words) {
       add_verb(app, words, kRobot, "run",
                "start a robot and supervise it until Ctrl-C; adopts a Spine that already ticks", [](CommandLine& w) {
                  w.run.json = w.context.json;
+                 w.run.laws = laws_dir().string();
                  return control::run_robot(w.run);
                });
   run->add_option("ROBOT", words.run.config_path, "robot file")->required();

@@ -6,6 +6,7 @@
 #include <stdio.h>
 
 #include <algorithm>
+#include <cstring>
 #include <map>
 #include <sstream>
 #include <system_error>
@@ -21,11 +22,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Error cannot_write(const fs::path& path) {
-  return Error{
-      fmt::format("cannot write {}: disk full, over a limit (ulimit -f), or read-only? The robot keeps running; this "
-                  "certificate waits for room",
-                  path.string())};
+Error cannot_write(const fs::path& path, const std::string& why) {
+  return Error{fmt::format("cannot write {}: {}. The robot keeps running; this certificate waits until it can be written",
+                           path.string(), why)};
 }
 
 // Exchanged with the file that is there, not renamed over it: for that, ext4 writes the new file to the disk at once,
@@ -184,7 +183,7 @@ Result<CertificateFiles::Page> CertificateFiles::write(const Json& certificate, 
   const Page page{dir_ / fmt::format("{:04}.json", next_), last_line_, folders_};
   if (!source.empty()) {
     const fs::path path = fs::path(page.path).replace_extension(".cpp");
-    if (!write_file_whole(path.string(), source).empty()) return cannot_write(path);
+    if (const auto why = write_file_whole(path.string(), source); !why.empty()) return cannot_write(path, why);
     texts_.insert(next_);
   }
   if (const auto written = put(page, certificate); !written) return written.error();
@@ -231,7 +230,7 @@ Result<> CertificateFiles::put(const Page& page, Json certificate) {
   certificate["previous"] = page.folder == folders_ ? page.previous : last_line_;
   const std::string text = certificate.dump(2, ' ', false, Json::error_handler_t::replace) + '\n';
   const fs::path draft = page.path.string() + ".draft";
-  if (!write_file_whole(draft.string(), text).empty()) return cannot_write(page.path);
+  if (const auto why = write_file_whole(draft.string(), text); !why.empty()) return cannot_write(page.path, why);
   if (const auto added = add_line(page, text); !added) {
     std::error_code failure;
     fs::remove(draft, failure);
@@ -247,9 +246,9 @@ Result<> CertificateFiles::add_line(const Page& page, const std::string& text) {
   const std::string line = entry.dump();
   const auto chain = open_regular(AT_FDCWD, (dir_ / kChain).string(), O_WRONLY | O_CREAT | O_APPEND);
   if (!chain) return chain.error();
-  if (write_all(chain->get(), (line_is_cut_ ? "\n" : "") + line + '\n') != 0) {
+  if (const int why = write_all(chain->get(), (line_is_cut_ ? "\n" : "") + line + '\n'); why != 0) {
     next_ = 0;  // the next write checks how much was written
-    return cannot_write(dir_ / kChain);
+    return cannot_write(dir_ / kChain, std::strerror(why));
   }
   line_is_cut_ = false;
   last_line_ = sha256_hex(line);

@@ -383,6 +383,17 @@ def test_a_pipe_in_the_place_of_the_records_is_named_and_holds_nobody(rig: Robot
     assert "chain.jsonl: is a device, a pipe or a socket, not a file" in rig.ask("status")["certificates_error"]
 
 
+def test_a_robot_file_that_was_copied_alone_finds_its_law(rig: RobotRig) -> None:
+    """Its law is looked for beside it, then among those that come with LITHE."""
+    alone = rig.dir / "below" / "arm.toml"
+    alone.parent.mkdir()
+    alone.write_text(rig.config.read_text())
+    rig.config = alone
+    rig.run()
+    assert rig.ask("status")["law"] == "pd"
+    assert f"there is no {rig.dir}/laws/pd.cpp: {LAWS / 'pd.cpp'} is taken" in rig.log()
+
+
 def test_a_robot_that_starts_is_not_said_to_be_absent(rig: RobotRig) -> None:
     process = rig.run(wait=False)
     rig.wait_for(lambda: any(rig.socket.parent.glob("*.pid")))
