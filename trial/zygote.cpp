@@ -177,7 +177,8 @@ int run_trial(const TrialSetup& setup, const TrialRequest& request, const Limits
   if (const auto shed = shed_rights(pipe_fd, limits); !shed) return give_up(shed.message().c_str());
   if (!listen_for_signals()) return give_up("cannot catch the signals of a law");
   if (recording.of_another())
-    return give_up("the robot file was changed since the robot started: undo it and end lithe-trial, which starts anew");
+    return give_up(
+        "the robot file was changed since the robot started: undo it and end lithe-trial, which starts anew");
   if (const auto shut = guard_loading(request); !shut) return give_up(shut.message().c_str());
   std::snprintf(g_report.doing.data(), g_report.doing.size(), "being loaded");
   char why[256] = "";

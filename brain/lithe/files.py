@@ -46,8 +46,8 @@ def own_folder(path: Path, variable: str) -> Path:
         kind = "a symbolic link" if stat.S_ISLNK(about.st_mode) else "a folder"
         mend = f"chmod o-w {path}" if ours and stat.S_ISDIR(about.st_mode) else "remove it"
         raise LitheError(
-            f"{path} is not used: it is {kind} of uid {about.st_uid} (mode {about.st_mode & 0o7777:04o}), and others could"
-            f" put files there\n  next: {mend}, or set {variable} to a folder of your own"
+            f"{path} is not used: it is {kind} of uid {about.st_uid} (mode {about.st_mode & 0o7777:04o}), and others"
+            f" could put files there\n  next: {mend}, or set {variable} to a folder of your own"
         )
     return path
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from . import _wire
-from .errors import ShmError
+from .errors import LitheError, ShmError
 from .files import own_folder
 
 _SOURCE = Path(__file__).parent / "_shm" / "lithe_shm.c"
@@ -47,7 +47,10 @@ def _shim_key() -> str:
 
 def _build_shim() -> Path:
     """Compiles the shim into the cache, once per source text, machine, compiler and Python."""
-    target = own_folder(_cache_dir(), "LITHE_CACHE_DIR") / f"liblithe_shm-{_shim_key()}.so"
+    try:
+        target = own_folder(_cache_dir(), "LITHE_CACHE_DIR") / f"liblithe_shm-{_shim_key()}.so"
+    except LitheError as error:
+        raise ShmError(f"cannot build the shared-memory shim: {error}") from None
     if target.exists():
         return target
     making = target.with_suffix(f".{os.getpid()}")

@@ -121,7 +121,7 @@ Plan lasting_plan(const HostFiles& files) {
   plan_text(files, plan,
             {"limits", "/etc/security/limits.d", "lithe.conf", "@lithe - memlock unlimited\n@lithe - nice -20\n",
              "members of the group lithe may lock a robot's memory and raise its priority, from the next login on: "
-             "groupadd -f lithe; usermod -aG lithe USER"});
+             "groupadd -f lithe; adduser USER lithe"});
   // The dash: a key that the kernel does not have is no error.
   plan_text(files, plan,
             {kSysctlItem, "/etc/sysctl.d", "90-lithe.conf",

@@ -59,7 +59,7 @@ TEST_F(TuneTest, ApplyMakesThePlanAndRevertGivesBackEveryByte) {
   const std::vector<Step> made = apply();
   EXPECT_TRUE(std::all_of(made.begin(), made.end(), [](const Step& each) { return each.outcome == Outcome::done; }));
   EXPECT_EQ(text("/proc/irq/24/smp_affinity_list"), "0,2-3");
-  EXPECT_NE(text("/etc/security/limits.d/lithe.conf").find("@lithe - nice -20\n"), std::string::npos);
+  EXPECT_NE(text("/etc/security/limits.d/lithe.conf").find("@lithe - nice -20"), std::string::npos);
   EXPECT_EQ(text("/etc/security/limits.d/lithe.conf").find('*'), std::string::npos) << "not every user";
   EXPECT_NE(content_of(root_), before);
   EXPECT_EQ(revert().size(), made.size());

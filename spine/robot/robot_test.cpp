@@ -202,7 +202,8 @@ TEST(Robot, EachKeyChangesTheValues) {
       std::string other = robot->values;
       other.replace(other.find(line + '\n') + line.size(), 0, "1");
       EXPECT_NE(values_hash(other), values_hash(robot->values)) << line;
-      EXPECT_EQ(values_difference(robot->values, other), "  " + line + ", and there " + line.substr(line.find(" = ") + 3) + "1\n");
+      EXPECT_EQ(values_difference(robot->values, other),
+                "  " + line + ", and there " + line.substr(line.find(" = ") + 3) + "1\n");
     }
   }
   EXPECT_GT(keys, 1000U);

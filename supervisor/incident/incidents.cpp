@@ -90,8 +90,7 @@ Json read_one(const fs::path& folder, std::uint64_t id) {
 // "" or why not.
 std::string put(const fs::path& path, const std::string& bytes) {
   const std::string why = write_file_whole(path.string(), bytes);
-  return why.empty() ? ""
-                     : fmt::format("cannot write {}: {}", path.string(), why);
+  return why.empty() ? "" : fmt::format("cannot write {}: {}", path.string(), why);
 }
 
 }  // namespace

@@ -25,7 +25,6 @@
 #include "spine/robot/values.hpp"
 #include "supervisor/bus/plan/plan.hpp"
 #include "supervisor/bus/words.hpp"
-#include "supervisor/link/client/client.hpp"
 #include "supervisor/run/supervisor.hpp"
 
 namespace lithe::control {
@@ -117,13 +116,13 @@ void Supervisor::take_pid_file() {
   const std::string path = fmt::format("{}/{}.pid", run_dir(), config_.name);
   Fd file = must(open_regular(run_.get(), config_.name + ".pid", O_RDWR | O_CREAT));
   if (::flock(file.get(), LOCK_EX | LOCK_NB) != 0) {
-    throw Halt{1, fmt::format("another supervisor of a robot '{}', perhaps in another container, holds {} (pid {} there); "
-                              "stop it, or set LITHE_RUN_DIR to a folder of its own for each",
-                              config_.name, path, noted_supervisor(config_.name))};
+    throw Halt{1,
+               fmt::format("another supervisor of a robot '{}', perhaps in another container, holds {} (pid {} there); "
+                           "stop it, or set LITHE_RUN_DIR to a folder of its own for each",
+                           config_.name, path, noted_supervisor(config_.name))};
   }
   const int failed = ::ftruncate(file.get(), 0) != 0 ? errno : write_all(file.get(), fmt::format("{}\n", ::getpid()));
-  if (failed != 0)
-    throw Halt{1, fmt::format("cannot write {}: {}; disk full, or over a limit (ulimit -f)?", path, std::strerror(failed))};
+  if (failed != 0) throw Halt{1, fmt::format("cannot write {}: {}", path, reason_of(failed))};
   pid_file_ = std::move(file);
 }
 
@@ -134,10 +133,8 @@ bool Supervisor::has_pid_file() const {
 
 void Supervisor::write_run_file(const std::string& ending, const std::string& text) {
   const Fd file = must(open_regular(run_.get(), config_.name + ending, O_WRONLY | O_CREAT | O_TRUNC));
-  if (const int failed = write_all(file.get(), text); failed != 0) {
-    throw Halt{1, fmt::format("cannot write {}/{}{}: {}; disk full, or over a limit (ulimit -f)?", run_dir(),
-                              config_.name, ending, std::strerror(failed))};
-  }
+  if (const int failed = write_all(file.get(), text); failed != 0)
+    throw Halt{1, fmt::format("cannot write {}/{}{}: {}", run_dir(), config_.name, ending, reason_of(failed))};
 }
 
 void Supervisor::catch_signals() {
@@ -292,7 +289,7 @@ void Supervisor::keep_reachable(std::int64_t now_ns) {
   const std::string path = control_socket_path(config_.name);
   const auto again = [&] {
     open_run_folder();
-    take_pid_file();
+    if (!has_pid_file()) take_pid_file();
     must(server_->listen_again());
     spdlog::warn("{}, or the pid file beside it, was removed: made again", path);
   };

@@ -84,7 +84,7 @@ class Supervisor {
   void open_run_folder();
   void take_lease();
   void take_pid_file();
-  bool has_pid_file() const;  // it is still in its folder
+  bool has_pid_file() const;                                                // it is still in its folder
   void write_run_file(const std::string& ending, const std::string& text);  // <robot><ending> in the run folder
   void catch_signals();
   void raise_shield();

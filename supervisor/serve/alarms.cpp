@@ -52,11 +52,12 @@ void see_mode(const Json& status, Alarms& out) {
   const std::string mode = word(status, "mode"), fault = word(status, "fault");
   const bool faulty = !fault.empty() && fault != "none";
   if (mode == "estop")
-    out.stop(status.contains("estop_held_by")
-                 ? fmt::format("the e-stop is held by the Brain, {}; find out why, then reset from there (robot.reset(); a "
-                               "gateway's client: the verb reset), or end it and: lithe reset",
-                               word(status, "estop_held_by"))
-                 : "the e-stop is latched; find out why, then: lithe reset");
+    out.stop(
+        status.contains("estop_held_by")
+            ? fmt::format("the e-stop is held by the Brain, {}; find out why, then reset from there (robot.reset(); a "
+                          "gateway's client: the verb reset), or end it and: lithe reset",
+                          word(status, "estop_held_by"))
+            : "the e-stop is latched; find out why, then: lithe reset");
   else if (mode == "safe_stop" && !faulty)
     out.warn("brakes for disarm or reset; the drives are off then");
   else if (mode == "safe_stop")

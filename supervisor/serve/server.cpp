@@ -20,9 +20,9 @@ namespace lithe::control {
 namespace {
 
 constexpr std::size_t kMaxShownBytes = 100;
-constexpr int kRequestsPerTurn = 16;  // of one client; in between the others are served and the heartbeat is sent
+constexpr int kRequestsPerTurn = 16;    // of one client; in between the others are served and the heartbeat is sent
 constexpr std::size_t kMostTold = 200;  // of what the JSON reader says
-constexpr int kMostNested = 32;       // arguments are two objects deep; the JSON reader and writer are recursive
+constexpr int kMostNested = 32;         // arguments are two objects deep; the JSON reader and writer are recursive
 
 std::string answer_line(const Json& id, const Answer& answer) {
   Json out = {{"id", id}};
@@ -218,12 +218,13 @@ void Server::handle(std::uint64_t key, Client& client, const std::string& line) 
                                          "docs/reference/verbs.md lists the verbs and their arguments"});
   }
   if (!request.is_object() || !request.contains("verb") || !request["verb"].is_string()) {
-    return reply({key, request.is_object() ? request.value("id", Json(nullptr)) : Json(nullptr)},
-                 Refusal{"bad_request",
-                         "a request is one line of JSON: {\"id\":1,\"verb\":\"status\",\"args\":{}}" +
-                             (no_json.empty() ? "" : "; this is none: " + no_json),
-                         no_json.empty() ? "docs/reference/verbs.md lists the verbs"
-                                       : "JSON has no NaN, no Infinity and no number beyond 1.8e308; its text is UTF-8"});
+    return reply(
+        {key, request.is_object() ? request.value("id", Json(nullptr)) : Json(nullptr)},
+        Refusal{"bad_request",
+                "a request is one line of JSON: {\"id\":1,\"verb\":\"status\",\"args\":{}}" +
+                    (no_json.empty() ? "" : "; this is none: " + no_json),
+                no_json.empty() ? "docs/reference/verbs.md lists the verbs"
+                                : "JSON has no NaN, no Infinity and no number beyond 1.8e308; its text is UTF-8"});
   }
   const ReplyTo to{key, request.value("id", Json(nullptr))};
   const Json args = request.value("args", Json::object());

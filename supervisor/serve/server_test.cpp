@@ -110,8 +110,10 @@ TEST_F(ServerTest, AnswersGarbageWithAnErrorAndGoesOn) {
 
 TEST_F(ServerTest, SaysWhereARequestIsNoJson) {
   const Fd fd = raw();
-  for (const auto& [value, told] : {std::pair("NaN", "invalid literal"), {"1e400", "number overflow parsing '1e400'"},
-                                    {"\"\xff\"", "ill-formed UTF-8 byte"}, {"", "syntax error"}}) {
+  for (const auto& [value, told] : {std::pair("NaN", "invalid literal"),
+                                    {"1e400", "number overflow parsing '1e400'"},
+                                    {"\"\xff\"", "ill-formed UTF-8 byte"},
+                                    {"", "syntax error"}}) {
     send(fd, std::string("{\"id\":1,\"verb\":\"echo\",\"args\":{\"v\":") + value + "}}\n");
     const Json error = line_from(fd)["error"];
     EXPECT_NE(error["message"].get<std::string>().find("this is none: "), std::string::npos) << error;

@@ -31,7 +31,8 @@ Recording::Recording(const std::string& robot, std::uint64_t values_hash, std::u
   const auto segment = ipc::Segment<ipc::SpineMemory>::attach(robot, ipc::Access::read);
   if (!segment) return;
   wire::RobotInfo info{};
-  of_another_ = ipc::ChannelReader<wire::RobotInfo>((*segment)->robot_info).read(info) && info.values_hash != values_hash;
+  of_another_ =
+      ipc::ChannelReader<wire::RobotInfo>((*segment)->robot_info).read(info) && info.values_hash != values_hash;
   const auto record = std::make_unique<wire::Telemetry>();
   ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader((*segment)->telemetry);
   if (!reader.latest(*record) || record->joint_count != joints) return;

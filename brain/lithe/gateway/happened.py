@@ -40,7 +40,7 @@ def told(answer: Json, args: Json) -> Json:
         cursor = _end(kept[-1]) if kept else int(args["since"])
     if wanted and not all_of_them:
         there = sorted({each["kind"] for each in answer["events"]})
-        none = f"no event has the kind {' or '.join(sorted(map(str, wanted)))}; kinds of those there are: {', '.join(there)}"
+        none = f"no event has the kind {' or '.join(sorted(map(str, wanted)))}; there are: {', '.join(there)}"
         return {"events": [], "cursor": cursor, "lost": answer["lost"], "next": none}
     return {"events": kept if forward else kept[::-1], "cursor": cursor, "lost": answer["lost"]} | (
         {"left_out": left_out, "next": _more(forward)} if left_out else {}

@@ -254,8 +254,14 @@ def test_a_token_file_that_a_gateway_serves_with_is_not_overwritten(rig: RobotRi
 
 def test_more_names_than_there_are_hold_nobody_up(gateway: Gateway) -> None:
     with Remote("127.0.0.1", gateway.port, "sesame") as remote:
-        for verb, what, name in (("history", "fields", "tick"), ("latest", "fields", "tick"), ("history", "joints", "shoulder")):
-            with pytest.raises(lithe.Refused, match=rf"60000 {what}; there are \d+\n.*name each of them once") as refused:
+        for verb, what, name in (
+            ("history", "fields", "tick"),
+            ("latest", "fields", "tick"),
+            ("history", "joints", "shoulder"),
+        ):
+            with pytest.raises(
+                lithe.Refused, match=rf"60000 {what}; there are \d+\n.*name each of them once"
+            ) as refused:
                 remote.call(verb, **{what: [name] * 60_000})
             assert refused.value.code == "too_many"
         assert remote.call("history", fields=["tick"])["tick"]
@@ -271,5 +277,5 @@ def test_what_cannot_be_is_refused_and_not_bent(gateway: Gateway) -> None:
             with pytest.raises(lithe.Refused, match=told):
                 remote.call(verb, **args)
         none = remote.call("events", kind="nonsense")
-        assert none["events"] == [] and none["next"].startswith("no event has the kind nonsense; kinds of those there are:")
+        assert none["events"] == [] and none["next"].startswith("no event has the kind nonsense; there are:")
         assert "armed" in none["next"]

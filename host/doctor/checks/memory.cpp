@@ -258,8 +258,8 @@ Finding check_memory_balloon(const Subject& subject, Notes& notes) {
 
 constexpr Item kMemoryItems[] = {
     {30, "memory_lock", "The Spine's memory is locked", "else a tick can wait for a page: microseconds, or a disk",
-     "LimitMEMLOCK=infinity in the unit, or '@lithe - memlock unlimited' in /etc/security/limits.d (lithe tune apply)", kNow,
-     check_memory_lock},
+     "LimitMEMLOCK=infinity in the unit, or '@lithe - memlock unlimited' in /etc/security/limits.d (lithe tune apply)",
+     kNow, check_memory_lock},
     {31, "malloc", "malloc keeps its memory", "trimming and mapping change the page tables of all threads",
      "nothing to do", kNow, check_malloc},
     {32, "memory_scans", "The kernel does not scan or move memory",

@@ -33,7 +33,7 @@ Result<Fd> open_regular(int folder, const std::string& path, int flags) {
   struct stat about{};
   if (!file && errno == ENXIO) return wrong(path, kNoFile);
   if (!file && errno == ELOOP) return wrong(path, "is a symbolic link, not a file");
-  if (!file || fstat(file.get(), &about) != 0) return wrong(path, std::strerror(errno));
+  if (!file || fstat(file.get(), &about) != 0) return wrong(path, reason_of(errno));
   if (!S_ISREG(about.st_mode)) return wrong(path, S_ISDIR(about.st_mode) ? "is a directory, not a file" : kNoFile);
   return file;
 }
@@ -55,7 +55,9 @@ Result<Fd> open_own_folder(const std::string& path, const std::string& variable)
   }
   char mode[8];
   std::snprintf(mode, sizeof mode, "%04o", about.st_mode & 07777U);
-  const std::string kind = S_ISLNK(about.st_mode) ? "a symbolic link" : S_ISDIR(about.st_mode) ? "a folder" : "no folder";
+  const std::string kind = S_ISLNK(about.st_mode)   ? "a symbolic link"
+                           : S_ISDIR(about.st_mode) ? "a folder"
+                                                    : "no folder";
   const std::string mend = ours && S_ISDIR(about.st_mode) ? "close it (chmod o-w " + path + ")" : "remove it";
   return wrong(path, "is not used: it is " + kind + " of " + user_name(about.st_uid) + " (mode " + mode +
                          "), and others could put files there; " + mend + ", or set " + variable +
@@ -64,7 +66,7 @@ Result<Fd> open_own_folder(const std::string& path, const std::string& variable)
 
 Result<std::string> read_regular_file(const std::string& path, std::size_t most_bytes) {
   const Fd file(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
-  if (!file) return wrong(path, std::strerror(errno));
+  if (!file) return wrong(path, reason_of(errno));
   struct stat about{};
   if (fstat(file.get(), &about) != 0) return wrong(path, std::strerror(errno));
   if (S_ISDIR(about.st_mode)) return wrong(path, "is a directory, not a file");
@@ -94,6 +96,11 @@ std::vector<std::filesystem::path> files_in(const std::filesystem::path& folder)
   return found;
 }
 
+std::string reason_of(int error) {
+  const std::string limit = error == EFBIG ? "-f" : error == EMFILE ? "-n" : "";
+  return std::strerror(error) + (limit.empty() ? "" : ": over a limit (ulimit " + limit + ")");
+}
+
 int write_all(int fd, std::string_view bytes) {
   while (!bytes.empty()) {
     const ssize_t put = write(fd, bytes.data(), bytes.size());
@@ -105,15 +112,17 @@ int write_all(int fd, std::string_view bytes) {
 
 std::string write_file_whole(const std::string& path, std::string_view bytes) {
   const std::string part = path + ".part" + std::to_string(getpid());
-  const Fd file(open(part.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0640));
-  if (!file) return std::strerror(errno);
+  unlink(
+      part.c_str());  // left by a process that died while it wrote, and had our pid; or a link that somebody put there
+  const Fd file(open(part.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0640));
+  if (!file) return reason_of(errno);
   struct stat old{};
   if (stat(path.c_str(), &old) == 0) fchmod(file.get(), old.st_mode & 07777U);
   int failed = write_all(file.get(), bytes);
   if (failed == 0 && rename(part.c_str(), path.c_str()) != 0) failed = errno;
   if (failed == 0) return "";
   unlink(part.c_str());
-  return std::strerror(failed);
+  return reason_of(failed);
 }
 
 void set_file_defaults() {

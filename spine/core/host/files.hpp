@@ -23,20 +23,23 @@ inline constexpr std::size_t kMaxConfigBytes = std::size_t{1} << 20;  // of a ro
 // "<path>: is a directory, not a file". Never waits (a pipe without a writer) and never reads without end (/dev/zero).
 Result<std::string> read_regular_file(const std::string& path, std::size_t most_bytes);
 
-// A regular file, opened without waiting (a pipe without its other end) and without following a symbolic link. `folder`:
-// where a relative path starts, or AT_FDCWD. `flags` as for openat(); a new file has mode 0640 at most.
+// A regular file, opened without waiting (a pipe without its other end) and without following a symbolic link.
+// `folder`: where a relative path starts, or AT_FDCWD. `flags` as for openat(); a new file has mode 0640 at most.
 Result<Fd> open_regular(int folder, const std::string& path, int flags);
 
 // "alice", or "uid 1001" when the user has no name here.
 std::string user_name(uid_t user);
 
-// The folder, opened. Error when others could put files there, or replace it: it is no real directory, belongs neither to
-// this user nor to root, or is open to everybody; `variable` (of the environment) can name another one. Members of its
-// group are trusted. Empty, with errno, when it is absent or cannot be opened.
+// The folder, opened. Error when others could put files there, or replace it: it is no real directory, belongs neither
+// to this user nor to root, or is open to everybody; `variable` (of the environment) can name another one. Members of
+// its group are trusted. Empty, with errno, when it is absent or cannot be opened.
 Result<Fd> open_own_folder(const std::string& path, const std::string& variable);
 
 // The paths in a folder, sorted; empty when there is none, or it cannot be read.
 std::vector<std::filesystem::path> files_in(const std::filesystem::path& folder);
+
+// strerror(), and the limit that was met: "File too large: over a limit (ulimit -f)".
+std::string reason_of(int error);
 
 // Writes all bytes; 0 or errno.
 int write_all(int fd, std::string_view bytes);

@@ -77,9 +77,6 @@ struct Presence {
 
 const char* word(Presence::Supervisor supervisor);
 
-// Pid of the supervisor, from its pid file, else from its shared memory; 0 = unknown. For one that does not listen.
-pid_t noted_supervisor(const std::string& robot);
-
 // Takes up to 2 s when a supervisor does not answer, and longer when it gets no processor time.
 Presence look_for(const std::string& robot);
 

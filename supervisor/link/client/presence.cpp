@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <utility>
 
@@ -116,11 +115,13 @@ Refusal why_silent(const Presence& there) {
                      "is the machine too busy? Try again; end it (the robot continues) and start it again: " +
                          run_it(there) + "; the e-stop works without it: lithe estop");
     case Supervisor::starting:
-      return refusal(there, "starting",
-                     fmt::format("the supervisor of '{}' ({}) starts or stops, or the file of its socket is gone; {}", name, who,
-                                 about_spine(there)),
-                     "try again in a second: a socket that was removed is made again. If it stays so: has `lithe run` "
-                     "another LITHE_RUN_DIR? See its log; the e-stop works without it: lithe estop");
+      return refusal(
+          there, "starting",
+          fmt::format(
+              "the supervisor of '{}' ({}) takes no commands: it starts or stops, or its socket was removed; {}", name,
+              who, about_spine(there)),
+          "try again in a second: a socket that was removed is made again. If it stays so: has `lithe run` "
+          "another LITHE_RUN_DIR? See its log; the e-stop works without it: lithe estop");
     case Supervisor::answers:
     case Supervisor::none:
       break;
@@ -135,14 +136,6 @@ Refusal why_silent(const Presence& there) {
 }
 
 }  // namespace
-
-pid_t noted_supervisor(const std::string& robot) {
-  constexpr std::size_t kMostDigits = 32;
-  const auto text = read_regular_file(fmt::format("{}/{}.pid", run_dir(), robot), kMostDigits);
-  if (const pid_t pid = text ? std::atoi(text->c_str()) : 0; pid > 0) return pid;
-  const auto control = Control::attach(robot, ipc::Access::read);
-  return control ? static_cast<pid_t>((*control)->header.writer_pid) : 0;
-}
 
 const char* word(Presence::Supervisor supervisor) {
   const char* const words[] = {"none", "starting or stopping", "answers", "stopped", "silent"};

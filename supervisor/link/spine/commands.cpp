@@ -60,8 +60,9 @@ Refusal refused_by_estop(CommandKind kind) {
   const std::string code(to_string(CommandResult::refused_estop));
   const std::string message = fmt::format("cannot {}: the e-stop is pressed", to_string(kind));
   if (kind == CommandKind::reset)
-    return {code, message, "a Brain holds it: reset from there (robot.reset(); a gateway's client: the verb reset), or end "
-                           "that Brain and reset again"};
+    return {code, message,
+            "a Brain holds it: reset from there (robot.reset(); a gateway's client: the verb reset), or end "
+            "that Brain and reset again"};
   return {code, message,
           kind == CommandKind::disarm ? "the law is off already; lithe reset leaves the e-stop with the drives off"
                                       : "when it is safe: lithe reset, then lithe arm"};

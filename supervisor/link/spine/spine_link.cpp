@@ -8,11 +8,13 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstdlib>
 #include <iterator>
 
 #include "spine/arena/arena.hpp"
 #include "spine/core/histogram.hpp"
 #include "spine/core/host/files.hpp"
+#include "spine/core/host/paths.hpp"
 #include "spine/core/time.hpp"
 #include "spine/ipc/frames.hpp"
 #include "supervisor/core/process.hpp"
@@ -52,6 +54,14 @@ std::optional<pid_t> live_spine(const std::string& robot) {
     pid = spine_now(robot);
   }
   return pid;
+}
+
+pid_t noted_supervisor(const std::string& robot) {
+  constexpr std::size_t kMostDigits = 32;
+  const auto text = read_regular_file(fmt::format("{}/{}.pid", run_dir(), robot), kMostDigits);
+  if (const pid_t pid = text ? std::atoi(text->c_str()) : 0; pid > 0) return pid;
+  const auto control = Control::attach(robot, ipc::Access::read);
+  return control ? static_cast<pid_t>((*control)->header.writer_pid) : 0;
 }
 
 Fd open_arena(const robot::RobotConfig& robot) {

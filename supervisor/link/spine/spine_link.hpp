@@ -57,6 +57,9 @@ std::optional<pid_t> spine_now(const std::string& robot);
 // killed.
 std::optional<pid_t> live_spine(const std::string& robot);
 
+// Pid of the supervisor, from its pid file, else from its shared memory; 0 = unknown. For one that does not listen.
+pid_t noted_supervisor(const std::string& robot);
+
 // The code arena of this robot: that of a live Spine, else a new one. Empty, with a warning in the log, when laws must
 // be loaded with dlopen.
 Fd open_arena(const robot::RobotConfig& robot);

@@ -6,7 +6,6 @@
 #include <stdio.h>
 
 #include <algorithm>
-#include <cstring>
 #include <map>
 #include <sstream>
 #include <system_error>
@@ -23,8 +22,9 @@ namespace {
 namespace fs = std::filesystem;
 
 Error cannot_write(const fs::path& path, const std::string& why) {
-  return Error{fmt::format("cannot write {}: {}. The robot keeps running; this certificate waits until it can be written",
-                           path.string(), why)};
+  return Error{
+      fmt::format("cannot write {}: {}. The robot keeps running; this certificate waits until it can be written",
+                  path.string(), why)};
 }
 
 // Exchanged with the file that is there, not renamed over it: for that, ext4 writes the new file to the disk at once,
@@ -248,7 +248,7 @@ Result<> CertificateFiles::add_line(const Page& page, const std::string& text) {
   if (!chain) return chain.error();
   if (const int why = write_all(chain->get(), (line_is_cut_ ? "\n" : "") + line + '\n'); why != 0) {
     next_ = 0;  // the next write checks how much was written
-    return cannot_write(dir_ / kChain, std::strerror(why));
+    return cannot_write(dir_ / kChain, reason_of(why));
   }
   line_is_cut_ = false;
   last_line_ = sha256_hex(line);

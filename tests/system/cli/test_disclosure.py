@@ -63,7 +63,11 @@ def test_a_run_folder_that_others_can_fill_is_not_used(rig: RobotRig) -> None:
     assert f"{run}: is not used: it is a folder of " in rig.log() and "(mode 0777)" in rig.log()
     assert f"close it (chmod o-w {run}), or set LITHE_RUN_DIR" in rig.log()
     assert os.listdir(run) == ["arm.spine.log"] and victim.read_text() == "precious"
-    gateway = [sys.executable, "-c", "from lithe.gateway import *; from lithe.control import *; write_token(run_dir() / 't')"]
+    gateway = [
+        sys.executable,
+        "-c",
+        "from lithe.gateway import *; from lithe.control import *; write_token(run_dir() / 't')",
+    ]
     told = subprocess.run(gateway, env=rig.env, check=False, capture_output=True, text=True)
     assert told.returncode != 0 and f"{run} is not used" in told.stderr and os.listdir(run) == ["arm.spine.log"]
     run.chmod(0o700)

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "spine/core/test/full_disk_rig.hpp"
 #include "supervisor/swap/certificate/certificate_files.hpp"
 
 namespace lithe::control {
@@ -97,7 +98,7 @@ TEST(LawTexts, TheOldestNameGoesFirstAndNotTheFirstOfTheAlphabet) {
 
 TEST_F(CertificateTextsTest, AFullDiskForTheTextIsAnErrorToo) {
   fs::create_directories(dir_);
-  fs::create_symlink("/dev/full", dir_ / ("0001.cpp.part" + std::to_string(::getpid())));
+  const test::FullDisk full;
   CertificateFiles book(dir_);
   EXPECT_FALSE(book.write({{"law", "pd"}}, "// a law\n"));
   EXPECT_FALSE(fs::exists(dir_ / "0001.json")) << "it waits for room";
