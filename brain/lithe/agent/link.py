@@ -22,6 +22,7 @@ from .._wire import Fault, Mode
 from ..errors import LitheError, NotRunning, Refused
 from ..identify import Description, Motion
 from ..remote import Remote
+from ..vocabulary import Tier
 
 FIELDS = ["tick", "sample_ns", "mode", "position_rad", "velocity_rad_s", "torque_nm"]
 LEAST_SHARE = 0.25  # of the window's ticks that must have been in mode active, under the law in question
@@ -105,6 +106,7 @@ class Link:
         self.gone = False  # given up: nothing can be asked any more, or nothing may be
         about = self.call("describe")
         self.rate_hz = float(about["rate_hz"])
+        self._of_a_person = about.get("tier") == Tier.person.name
         self.joints: list[dict[str, Any]] = about["joints"]
         self.names = [str(joint["name"]) for joint in self.joints]
         chain = about.get("chain")
@@ -196,17 +198,22 @@ class Link:
         columns = columns_of(pieces, FIELDS)
         return told, motions_of({name: values[columns["mode"] == Mode.active] for name, values in columns.items()})
 
-    def swap(self, source: str, name: str) -> Outcome:
-        """The law through the whole swap, always with probation. Never raises Refused: that is an outcome."""
-        before, earlier = self.law_id(), self._last_swap().get("request_id")
-        return self._swapped(source, name, before, earlier)
+    def swap(self, source: str, name: str, known: bool = False) -> Outcome:
+        """The law through the whole swap, always with probation. Never raises Refused: that is an outcome.
 
-    def _swapped(self, source: str, name: str, before: int, earlier: Any) -> Outcome:
-        self.say("swap", name=name, probation_s=PROBATION_S)
+        `known`: it ran before, so its error is known and not judged again, where the gateway's tier permits that.
+        After a stop there is no time before the swap to compare it with.
+        """
+        before, earlier = self.law_id(), self._last_swap().get("request_id")
+        return self._swapped(source, name, before, earlier, known)
+
+    def _swapped(self, source: str, name: str, before: int, earlier: Any, known: bool) -> Outcome:
+        terms = {"probation_s": PROBATION_S} | ({"error_ratio": 0} if known and self._of_a_person else {})
+        self.say("swap", name=name, **terms)
         self.swaps, self._pending = self.swaps + 1, name
         try:
             with self.alive():
-                answer = self._remote.call("swap", source=source, name=name, probation_s=PROBATION_S, brief=False)
+                answer = self._remote.call("swap", source=source, name=name, brief=False, **terms)
         except Refused as refusal:
             self._pending = ""
             self._check(refusal)
@@ -299,7 +306,7 @@ class Link:
         """
         if self.law_id() == law_id:
             return law_id
-        if not self._activated(law_id) and source and (done := self.swap(source, name)).runs:
+        if not self._activated(law_id) and source and (done := self.swap(source, name, known=True)).runs:
             return done.law_id
         if self.law_id() != law_id:
             raise LitheError(f"the best law does not run: law {self.law_id()} does, and no verb leads to law {law_id}")
@@ -353,7 +360,7 @@ class Link:
         if self._activated(law_id):
             return law_id
         earlier = self._last_swap().get("request_id")
-        done = self._swapped(source, name, 0, earlier) if source else Outcome("", False)
+        done = self._swapped(source, name, 0, earlier, known=True) if source else Outcome("", False)
         if not done.law_id:
             raise Lost(f"no verb leads back to law {law_id}: {done.said}")
         return done.law_id

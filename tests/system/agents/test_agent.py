@@ -16,6 +16,7 @@ from lithe.agent.transcript import broken_at
 from lithe.gateway import Gateway
 from lithe.heartbeat import Repeat
 from lithe.shm import SpineView
+from lithe.vocabulary import Tier
 from model_server import ModelServer, fenced, law, tool_call
 from system.simulated import running
 
@@ -99,7 +100,7 @@ def test_the_agent_meets_every_failure_and_keeps_the_best_law(tmp_path: Path) ->
     seen: set[int] = set()
     with calm_robot() as rig, ModelServer(script) as server, connected() as robot:
         robot.call("swap", source=WEAK, name="weak.cpp", probation_s=0.0)
-        gateway = Gateway(robot, token="sesame")
+        gateway = Gateway(robot, token="sesame", tier=Tier.person)
         gateway.start()
         cursor = SpineView("arm").telemetry()
         look = Repeat(lambda: modes_seen(cursor, seen), 0.2)
@@ -149,7 +150,7 @@ def test_a_law_that_stops_the_robot_is_told_to_the_model_and_verbs_bring_the_rob
     script = [fenced(PUSHES), {"hang": 2.5}, {"hang": 2.5}, fenced(MIDDLING), fenced(GOOD)]
     with calm_robot() as rig, ModelServer(script) as server, connected() as robot:
         robot.call("swap", source=BRITTLE, name="brittle.cpp", probation_s=0.0)
-        gateway = Gateway(robot, token="sesame")
+        gateway = Gateway(robot, token="sesame", tier=Tier.person)
         gateway.start()
         done, lines = run_agent(rig, gateway, server, tmp_path, "--rounds", "3")
         gateway.close()
@@ -171,7 +172,7 @@ def test_a_law_that_stops_the_robot_is_told_to_the_model_and_verbs_bring_the_rob
 @pytest.mark.long
 def test_of_a_chain_the_coupled_model_reaches_the_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with running(calm_text(robot="chain"), monkeypatch) as (rig, robot), ModelServer(["no law"]) as server:
-        gateway = Gateway(robot, token="sesame")
+        gateway = Gateway(robot, token="sesame", tier=Tier.person)
         gateway.start()
         done, _ = run_agent(rig, gateway, server, tmp_path, "--rounds", "1", "--window", "12", "--goal", "be calm")
         gateway.close()
