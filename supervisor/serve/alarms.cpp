@@ -55,7 +55,7 @@ void see_mode(const Json& status, Alarms& out) {
     out.stop(
         status.contains("estop_held_by")
             ? fmt::format("the e-stop is held by the Brain, {}; find out why, then reset from there (robot.reset(); a "
-                          "gateway's client: the verb reset), or end it and: lithe reset",
+                          "gateway's client: the verb reset), or end it, then: lithe reset",
                           word(status, "estop_held_by"))
             : "the e-stop is latched; find out why, then: lithe reset");
   else if (mode == "safe_stop" && !faulty)
