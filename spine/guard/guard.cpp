@@ -14,6 +14,12 @@ namespace flag = wire::telemetry_flag;
 
 double reciprocal(double width) { return 1.0 / std::max(width, 1.0e-9); }
 
+// The largest speed from which `deceleration_rad_s2` stops on this way, with a fifth of it to spare.
+double speed_that_stops(double way_rad, double deceleration_rad_s2) LITHE_RT {
+  constexpr double kShare = 0.8;
+  return std::sqrt(2 * kShare * deceleration_rad_s2 * std::max(way_rad, 0.0));
+}
+
 // 1 where there is room, 0 where there is none, linear in between.
 double room(double distance, double per_width) LITHE_RT { return std::clamp(distance * per_width, 0.0, 1.0); }
 
@@ -35,6 +41,8 @@ void Guard::configure(const robot::RobotConfig& robot) {
   for (std::size_t j = 0; j < joints_; ++j) {
     const robot::JointConfig& joint = robot.joints[j];
     const double fault_rad_s = joint.velocity_max_rad_s * robot.guard.velocity_overrun;
+    const robot::DriveLoop loop = robot::loop_of(robot, joint);
+    const bool by_torque = loop == robot::DriveLoop::torque;  // else the drive has gains of its own
     joint_[j].limit =
         Limits{.position_min_rad = joint.position_min_rad,
                .position_max_rad = joint.position_max_rad,
@@ -46,12 +54,15 @@ void Guard::configure(const robot::RobotConfig& robot) {
                .torque_max_nm = joint.torque_max_nm,
                .slew_nm = joint.torque_slew_nm_s / robot.rate_hz,
                .power_max_w = joint.power_max_w > 0 ? joint.power_max_w : std::numeric_limits<double>::infinity(),
-               .kp_max_nm_rad = joint.kp_max_nm_rad,
-               .kd_max_nm_s_rad = joint.kd_max_nm_s_rad,
+               .kp_max_nm_rad = by_torque ? joint.kp_max_nm_rad : 0.0,
+               .kd_max_nm_s_rad = by_torque ? joint.kd_max_nm_s_rad : 0.0,
                .blind_kd_nm_s_rad = joint.safe_kd_nm_s_rad,
                .blind_kd_step_nm_s_rad = joint.torque_slew_nm_s / robot.rate_hz / fault_rad_s,
+               .deceleration_rad_s2 = joint.deceleration_rad_s2,
+               .loop = loop,
                .must_be_homed = joint.must_be_homed};
-    joint_[j].envelope.configure(robot, joint);
+    joint_[j].envelope = {};
+    if (by_torque) joint_[j].envelope.configure(robot, joint);
   }
   configure_groups(robot);
   safe_law_.configure(robot);
@@ -214,6 +225,11 @@ void Guard::apply_law(std::size_t j, const Input& in, JointCommands& out, std::u
   command.kd_nm_s_rad = std::clamp(command.kd_nm_s_rad, 0.0, limit.kd_max_nm_s_rad);
   command.target_rad = std::clamp(command.target_rad, limit.position_min_rad, limit.position_max_rad);  // NaN stays NaN
   command.target_rad_s = std::clamp(command.target_rad_s, -limit.velocity_max_rad_s, limit.velocity_max_rad_s);
+  if (limit.loop != robot::DriveLoop::torque) {
+    const double down = speed_that_stops(now.position_rad - limit.position_min_rad, limit.deceleration_rad_s2);
+    const double up = speed_that_stops(limit.position_max_rad - now.position_rad, limit.deceleration_rad_s2);
+    command.target_rad_s = std::clamp(command.target_rad_s, -down, up);
+  }
   const double wanted_nm = command.felt_nm(then);
   const double step_nm = settle_gains(joint, now, command);
   const double total_nm = bound(joint, wanted_nm, now, limit.torque_max_nm * soft_start_, step_nm, flags);
@@ -234,7 +250,7 @@ void Guard::apply_law(std::size_t j, const Input& in, JointCommands& out, std::u
 void Guard::apply_safe_law(std::size_t j, const Input& in, JointCommands& out, std::uint32_t& flags) LITHE_RT {
   Joint& joint = joint_[j];
   const double most_nm = joint.limit.torque_max_nm;
-  if (!joint.usable) {
+  if (!joint.usable || joint.limit.loop != robot::DriveLoop::torque) {
     safe_law_.rearm(j);  // its old reference is too old to resume
     return brake_blindly(j, out, flags);
   }
@@ -249,7 +265,7 @@ void Guard::apply_safe_law(std::size_t j, const Input& in, JointCommands& out, s
   out.set(j, command, most_nm);
 }
 
-// Without a sample only the drive can brake the joint; without any torque it would fall.
+// Without a sample, or with a loop of its own, only the drive can brake the joint; without any torque it would fall.
 void Guard::brake_blindly(std::size_t j, JointCommands& out, std::uint32_t& flags) LITHE_RT {
   Joint& joint = joint_[j];
   const Limits& limit = joint.limit;
@@ -282,6 +298,12 @@ void Guard::recover(const Input& in, JointCommands& out, Verdict& verdict) LITHE
   verdict.recovered = true;
   for (std::size_t j = 0; j < joints_; ++j) {
     Joint& joint = joint_[j];
+    joint.rung = Rung::law;
+    if (joint.limit.loop != robot::DriveLoop::torque) {
+      recover_by_target(j, in, out);
+      verdict.recovered = verdict.recovered && recovery_.recovered(j);
+      continue;
+    }
     const Measured now = measured(j, in);
     const Reach within = reach(joint, now, joint.limit.slew_nm);
     const double wanted_nm = recovery_.torque_nm(j, now.position_rad, now.velocity_rad_s, within.now_nm);
@@ -295,12 +317,25 @@ void Guard::recover(const Input& in, JointCommands& out, Verdict& verdict) LITHE
     safe_law_.rearm(j);
     remember(joint, now, command);
     joint.at_envelope = false;
-    joint.rung = Rung::law;
     out.set(j, command, std::max(recovery_.torque_cap_nm(j), std::abs(command.torque_nm)));
     verdict.recovered = verdict.recovered && recovery_.recovered(j);
   }
   if (!verdict.recovered) verdict.flags |= flag::kRecovering;
   soft_start_ = recovery_.share();  // a law that follows has at least the torque that holds the joints now
+}
+
+// The offset of what ran before fades; the drive's own loop carries the load.
+void Guard::recover_by_target(std::size_t j, const Input& in, JointCommands& out) LITHE_RT {
+  Joint& joint = joint_[j];
+  const Measured now = measured(j, in);
+  const Reach within = reach(joint, now, joint.limit.slew_nm);
+  const double torque_nm = in.torque_nm != nullptr ? (*in.torque_nm)[j] : 0.0;
+  Command command;
+  command.torque_nm = std::clamp(0.0, within.least_nm, within.most_nm);
+  command.target_rad_s = recovery_.target_rad_s(j, now.position_rad, torque_nm);
+  safe_law_.rearm(j);
+  remember(joint, now, command);
+  out.set(j, command, recovery_.torque_cap_nm(j));
 }
 
 }  // namespace lithe::guard

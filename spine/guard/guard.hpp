@@ -15,6 +15,7 @@
 #include "spine/guard/recovery.hpp"
 #include "spine/guard/safe_law.hpp"
 #include "spine/robot/config.hpp"
+#include "spine/robot/limits/drive_loop.hpp"
 #include "spine/wire/wire.hpp"
 
 namespace lithe::guard {
@@ -28,6 +29,7 @@ struct Input {
   const std::array<std::uint32_t, kMaxJoints>& joint_status;  // bits of wire::joint_status
   const Effort& effort;                                       // what the law wants
   std::int64_t sample_age_ns = 0;                             // of position and velocity
+  const JointArray* torque_nm = nullptr;                      // as the drives measure it; only `recover` uses it
 };
 
 // The ladder of a stopped group, from the mildest rung to the last. A group brakes, and is later switched off, after
@@ -66,6 +68,10 @@ struct Group {
 //
 // A joint without a usable sample is braked by its drive, which knows its own velocity. The feed-forward fades, then
 // damping grows to safe_kd_nm_s_rad. Both are within the slew bound up to the speed that is a fault.
+// A drive that closes its own velocity or position loop (robot/limits/drive_loop.hpp) gets no torque from the guard:
+// the safe law is "no target", with which its driver slows it down by deceleration_rad_s2 and holds it where it is,
+// also beyond a limit and with safe_end = "damp"; `recover` gives it a target velocity. A law's feed-forward stays an
+// offset, and a target speed is one from which the joint stops before its limit.
 // Contract: RT after configure() · owned by the tick thread · bounded work per joint
 class Guard {
  public:
@@ -117,6 +123,8 @@ class Guard {
     double power_max_w;             // infinity = no limit
     double kp_max_nm_rad, kd_max_nm_s_rad;
     double blind_kd_nm_s_rad, blind_kd_step_nm_s_rad;  // damping of an unusable joint, and its growth per tick
+    double deceleration_rad_s2;
+    robot::DriveLoop loop;
     bool must_be_homed;
   };
   // For a joint without a usable sample, whose torque is unknown, only its damping is used.
@@ -169,6 +177,7 @@ class Guard {
   void apply_safe_law(std::size_t j, const Input& in, JointCommands& out, std::uint32_t& flags) LITHE_RT;
   void brake_blindly(std::size_t j, JointCommands& out, std::uint32_t& flags) LITHE_RT;
   void recover(const Input& in, JointCommands& out, Verdict& verdict) LITHE_RT;
+  void recover_by_target(std::size_t j, const Input& in, JointCommands& out) LITHE_RT;
   void switch_off(std::size_t j, JointCommands& out) LITHE_RT;
 
   Measured measured(std::size_t j, const Input& in) const LITHE_RT;

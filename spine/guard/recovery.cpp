@@ -11,6 +11,7 @@ constexpr double kMarginRad = 0.02;     // this far inside its limits a joint is
 constexpr double kProgressRad = 0.005;  // less than this is no progress
 constexpr double kLoadRad = 0.15;       // way over which the integral part finds a load as large as the cap
 constexpr double kGoalGainPerS = 2.0;   // speed towards the goal per way that is left
+constexpr double kFullShare = 0.9;      // of the recover torque: more counts as all of it
 constexpr double kDelayTicks = 2.5;     // from a sample to the torque made from it: one tick, hold, bus and drive
 constexpr double kDelayShare = 0.3;     // of the damping that the integral part may cost at that delay
 
@@ -94,6 +95,17 @@ double Recovery::torque_nm(std::size_t index, double position_rad, double veloci
   return permitted(joint, std::clamp(wanted_nm, -joint.cap_nm, joint.cap_nm), position_rad, velocity_rad_s);
 }
 
+double Recovery::target_rad_s(std::size_t index, double position_rad, double torque_nm) LITHE_RT {
+  Joint& joint = joint_[index];
+  if (joint.state == State::fresh) start(joint, position_rad, torque_nm);
+  watch(joint, position_rad);
+  const double towards_rad_s =
+      std::clamp(kGoalGainPerS * (joint.goal_rad - position_rad), -velocity_rad_s_, velocity_rad_s_);
+  joint.load_nm = std::clamp(torque_nm, -joint.cap_nm, joint.cap_nm);
+  const double pushes_nm = towards_rad_s > 0 ? joint.load_nm : -joint.load_nm;
+  return towards_rad_s * std::clamp((joint.cap_nm - pushes_nm) / ((1 - kFullShare) * joint.cap_nm), 0.0, 1.0);
+}
+
 double Recovery::permitted(const Joint& joint, double wanted_nm, double position_rad, double velocity_rad_s) const
     LITHE_RT {
   const bool above = position_rad > joint.max_rad;
@@ -118,7 +130,8 @@ std::string_view Recovery::why_stuck(std::size_t index) const LITHE_RT {
   const Joint& joint = joint_[index];
   if (!stuck(index)) return "";
   if (joint.ticks_left < 0) return "no time left";
-  return std::abs(joint.load_nm) >= 0.99 * joint.cap_nm ? "load above the recover torque" : "it does not move";
+  return std::abs(joint.load_nm) >= kFullShare * joint.cap_nm ? "the recover torque does not move it (load, or a stop)"
+                                                              : "it does not move";
 }
 
 }  // namespace lithe::guard

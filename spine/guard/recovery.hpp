@@ -24,6 +24,8 @@ namespace lithe::guard {
 // not held here; the guard's Envelope holds it, before the limit at the other end. A joint is stuck when it comes no
 // nearer to its limits for kStallS plus the time in which the torque grows to its cap. It is also stuck when the
 // recovery takes longer than three times the way at the recover speed, plus kPatienceS, plus that stall time.
+// A drive that closes its own loop gets a target velocity instead, of that speed at most. From 90 % of the recover
+// torque that the drive measures it is slower, and at the whole of it it stands: there the joint is stuck, too.
 // Contract: RT after configure() · owned by the guard · bounded work per joint
 class Recovery {
  public:
@@ -40,6 +42,9 @@ class Recovery {
   // One tick of one joint. `now_nm`: the torque that it feels by the last output; the first tick starts from it. Not
   // yet slew-bounded; the guard does that.
   double torque_nm(std::size_t joint, double position_rad, double velocity_rad_s, double now_nm) LITHE_RT;
+
+  // The same for a drive that closes its own loop: a velocity. `torque_nm`: as the drive measures it.
+  double target_rad_s(std::size_t joint, double position_rad, double torque_nm) LITHE_RT;
 
   // True when a law may control the joint at this position.
   bool inside(std::size_t joint, double position_rad) const LITHE_RT;

@@ -101,7 +101,7 @@ TEST(Recovery, AJointThatDoesNotMoveIsStuckAfterAWhileAndSaysWhy) {
   EXPECT_EQ(verdict.fault, Fault::recover_failed);
   EXPECT_GT(ticks, 2000);
   EXPECT_LT(ticks, 6000);
-  EXPECT_EQ(bench.guard.recovery().why_stuck(0), "load above the recover torque");
+  EXPECT_EQ(bench.guard.recovery().why_stuck(0), "the recover torque does not move it (load, or a stop)");
 }
 
 TEST(Recovery, ARestOnTheStopCountsAsInsideAndNotANumberDoesNot) {

@@ -40,6 +40,8 @@ double SafeLaw::torque_nm(std::size_t index, double position_rad, double velocit
   if (!joint.tracking) {
     joint.tracking = true;
     joint.reference_rad = position_rad;
+    joint.low_rad = std::min(joint.position_min_rad, position_rad);
+    joint.high_rad = std::max(joint.position_max_rad, position_rad);
     joint.reference_rad_s = std::clamp(velocity_rad_s, -joint.velocity_max_rad_s, joint.velocity_max_rad_s);
   }
   const double way_rad = joint.reference_rad_s > 0 ? joint.position_max_rad - joint.reference_rad
@@ -49,7 +51,7 @@ double SafeLaw::torque_nm(std::size_t index, double position_rad, double velocit
   const double speed = std::max(0.0, std::abs(joint.reference_rad_s) - slowing_rad_s2 * dt_s_);
   joint.reference_rad_s = std::copysign(speed, joint.reference_rad_s);
   const double next = joint.reference_rad + joint.reference_rad_s * dt_s_;
-  joint.reference_rad = std::clamp(next, joint.position_min_rad, joint.position_max_rad);
+  joint.reference_rad = std::clamp(next, joint.low_rad, joint.high_rad);
   if (joint.reference_rad != next) joint.reference_rad_s = 0;
 
   const bool at_rest = joint.reference_rad_s == 0;

@@ -95,7 +95,7 @@ void ControlStep::look(const Input& in) LITHE_RT {
 guard::Verdict ControlStep::check(const Input& in, JointCommands& out) LITHE_RT {
   const hal::ActuatorState& sample = in.sample;
   return guard_.check({mode_.mode(), stale_ticks_, in.brain_age_ns, sample.position_rad, sample.velocity_rad_s,
-                       sample.status, laws_.effort(), in.now_ns - sample.sample_ns},
+                       sample.status, laws_.effort(), in.now_ns - sample.sample_ns, &sample.torque_nm},
                       out);
 }
 

@@ -88,7 +88,7 @@ void Cia402Drive::watch(const Exchange& exchange) LITHE_RT {
 }
 
 // Resets and configures the drive again after a fault that "off" does not clear. Its motor is off. At most once in
-// kBootNs, and once for each reset of the robot.
+// kBootNs, and once for each reset of the robot. Configures it again when its joint is beyond what it may target.
 void Cia402Drive::reset_if_needed(const JointCommand& command, DriveAction action, std::int64_t now_ns) LITHE_RT {
   const bool clears = action == DriveAction::off && command.clear_fault;
   const bool asked = clears && !clearing_off_;
@@ -98,6 +98,8 @@ void Cia402Drive::reset_if_needed(const JointCommand& command, DriveAction actio
   const bool for_long = silent_ && now_ns - silent_from_ns_ >= silence_ns_ && now_ns - reset_ns_ >= kBootNs;
   const bool stuck = (stage_ == Stage::running && units_wrong_) || stage_ == Stage::refused;
   if ((stage_ == Stage::running && for_long) || (asked && stuck)) stage_ = Stage::reset;
+  if (stage_ == Stage::running && last_.measured && setup_.must_move_limits(static_cast<std::int32_t>(position_raw_)))
+    start_setup();
 }
 
 void Cia402Drive::watch_enabling(DriveAction action, std::int64_t now_ns) LITHE_RT {

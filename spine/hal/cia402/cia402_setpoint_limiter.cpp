@@ -3,16 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace lithe::hal::cia402 {
-namespace {
-
-// Moves towards 0 by `change`, not beyond 0.
-double slowed(double value, double change) LITHE_RT {
-  return std::copysign(std::max(std::abs(value) - change, 0.0), value);
-}
-
-}  // namespace
 
 SetpointLimiter::SetpointLimiter(const DriverParams& params)
     : mode_(params.mode),
@@ -24,7 +17,13 @@ SetpointLimiter::SetpointLimiter(const DriverParams& params)
   const double per_rad = std::abs(counts_per_rad_);
   velocity_counts_s_ = per_rad * params.velocity_max_rad_s;
   velocity_change_counts_s_ = per_rad * params.deceleration_rad_s2 * params.period_s;
+  period_s_ = params.period_s;
   step_counts_ = velocity_counts_s_ * params.period_s;
+  const bool bounded = params.target_min_rad < params.target_max_rad;
+  const double one = params.joint.motor_rev(params.target_min_rad) * params.counts_per_rev;
+  const double other = params.joint.motor_rev(params.target_max_rad) * params.counts_per_rev;
+  least_counts_ = bounded ? std::min(one, other) : -std::numeric_limits<double>::infinity();
+  most_counts_ = bounded ? std::max(one, other) : std::numeric_limits<double>::infinity();
   slow_counts_ = velocity_change_counts_s_ * params.period_s;
   share_step_ = params.soft_start_s > params.period_s ? params.period_s / params.soft_start_s : 1;
   torque_step_nm_ = std::min(params.torque_slew_nm_s * params.period_s, params.torque_max_nm * share_step_);
@@ -50,7 +49,9 @@ RawSetpoint SetpointLimiter::next(const JointCommand& command, const JointSample
 
 void SetpointLimiter::move_position(const JointCommand& command) LITHE_RT {
   if (!has_target(command.target_rad)) {
-    last_step_ = slowed(last_step_, slow_counts_);
+    const double most = velocity_counts_s_ * share_;
+    const double wish = std::clamp(command.target_rad_s * counts_per_rad_, -most, most) * period_s_;
+    last_step_ = std::clamp(wish, last_step_ - slow_counts_, last_step_ + slow_counts_);
     last_wanted_ = at_counts_;
   } else {
     // Limited to the range of the drive's counter, so that differences are finite.
@@ -59,7 +60,14 @@ void SetpointLimiter::move_position(const JointCommand& command) LITHE_RT {
     last_step_ = step_to(wanted, step_counts_ * share_);
     last_wanted_ = wanted;
   }
+  last_step_ = before_limits(last_step_);
   at_counts_ += last_step_;
+}
+
+double SetpointLimiter::before_limits(double step) const LITHE_RT {
+  const double way = std::max(step > 0 ? most_counts_ - at_counts_ : at_counts_ - least_counts_, 0.0);
+  const double most = std::min(std::sqrt(2 * slow_counts_ * way), way);
+  return std::clamp(step, -most, most);
 }
 
 // A path that the joint can follow is passed unchanged. To a more distant target it accelerates and decelerates by the

@@ -22,7 +22,8 @@ struct RawSetpoint {
 //              grows from 0 by the joint's torque slew, or its soft start, whichever is slower: the command has grown
 //              since the robot was armed, and drives take time to switch on.
 //   position   at most the joint's largest velocity. To a target that jumped it accelerates and decelerates by the
-//              joint's deceleration; without a target it comes to rest in the same way.
+//              joint's deceleration; without a target it comes to the target velocity in the same way. Towards a
+//              position limit it is so slow that this deceleration stops it there; beyond one it goes inwards only.
 //   velocity   stays below that velocity and changes by the joint's deceleration.
 // Contract: RT but for the constructor · one thread · once per command of the drive
 class SetpointLimiter {
@@ -38,6 +39,7 @@ class SetpointLimiter {
   std::uint32_t torque_raw(double joint_nm, double limit_nm) const LITHE_RT;
   void move_position(const JointCommand& command) LITHE_RT;
   double step_to(double wanted, double reach) LITHE_RT;
+  double before_limits(double step) const LITHE_RT;
   void move_velocity(const JointCommand& command) LITHE_RT;
 
   Mode mode_;
@@ -45,8 +47,10 @@ class SetpointLimiter {
   double counts_per_rev_;
   double rated_torque_nm_, torque_max_nm_;
   double counts_per_rad_;  // with the sign of the gear
-  double step_counts_;     // the longest of a position between two commands
-  double slow_counts_;     // by how much such a step shrinks, from one to the next
+  double period_s_;
+  double step_counts_;                 // the longest of a position between two commands
+  double least_counts_, most_counts_;  // of a position
+  double slow_counts_;                 // by how much such a step shrinks, from one to the next
   double velocity_counts_s_, velocity_change_counts_s_;
   double torque_step_nm_;  // by which the allowed torque grows
   double share_step_;      // of the largest velocity

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "spine/hal/canopen/canopen.hpp"
 
@@ -43,6 +44,7 @@ std::uint32_t transmit_id(std::size_t number, std::uint32_t node) LITHE_RT {
 namespace {
 
 constexpr std::uint32_t kEverySync = 1;  // transmission type
+constexpr double kBeyondRad = 0.1;       // that 607Dh allows beyond a joint that is beyond its limits
 
 }  // namespace
 
@@ -104,8 +106,28 @@ void Setup::add_limits(const DriverParams& params) {
   if (mode_ != Mode::position || params.position_min_rad >= params.position_max_rad) return;
   const double one = params.joint.motor_rev(params.position_min_rad) * params.counts_per_rev;
   const double other = params.joint.motor_rev(params.position_max_rad) * params.counts_per_rev;
-  add(Kind::write_if_there, object::kPositionLimit, 1, raw_counts(std::min(one, other)), 4);
-  add(Kind::write_if_there, object::kPositionLimit, 2, raw_counts(std::max(one, other)), 4);
+  limits_at_ = count_;
+  least_raw_ = static_cast<std::int32_t>(raw_counts(std::min(one, other)));
+  most_raw_ = static_cast<std::int32_t>(raw_counts(std::max(one, other)));
+  margin_raw_ = std::llround(std::abs(counts_per_rad) * kBeyondRad);
+  add(Kind::write_if_there, object::kPositionLimit, 1, static_cast<std::uint32_t>(least_raw_), 4);
+  add(Kind::write_if_there, object::kPositionLimit, 2, static_cast<std::uint32_t>(most_raw_), 4);
+}
+
+bool Setup::must_move_limits(std::int32_t position_raw) LITHE_RT {
+  if (limits_at_ == 0) return false;
+  std::uint32_t &least = steps_[limits_at_].value, &most = steps_[limits_at_ + 1].value;
+  const auto low = static_cast<std::int32_t>(least), high = static_cast<std::int32_t>(most);
+  const bool covered = position_raw >= low && position_raw <= high;
+  const bool wide = low != least_raw_ || high != most_raw_;
+  const bool well_inside = position_raw >= least_raw_ + margin_raw_ && position_raw <= most_raw_ - margin_raw_;
+  if (covered && !(wide && well_inside)) return false;
+  constexpr std::int64_t kLeast = std::numeric_limits<std::int32_t>::min();
+  constexpr std::int64_t kMost = std::numeric_limits<std::int32_t>::max();
+  const std::int64_t at = position_raw;
+  least = static_cast<std::uint32_t>(at < least_raw_ ? std::max(at - margin_raw_, kLeast) : least_raw_);
+  most = static_cast<std::uint32_t>(at > most_raw_ ? std::min(at + margin_raw_, kMost) : most_raw_);
+  return true;
 }
 
 // The period as one byte times a power of ten. Where targets are positions the drive must know it.

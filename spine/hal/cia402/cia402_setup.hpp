@@ -34,6 +34,8 @@ struct DriverParams {
   double deceleration_rad_s2 = 20.0;
   double position_min_rad = 0.0;  // beyond these the robot stops: the drive's own limits, object 607Dh; equal: none
   double position_max_rad = 0.0;
+  double target_min_rad = 0.0;  // of a position target; equal: none
+  double target_max_rad = 0.0;
   double soft_start_s = 0.0;
   JointTransform joint{};
 };
@@ -91,6 +93,9 @@ class Setup {
   // Call after the client has got an answer or aborted.
   Progress advance(canopen::SdoClient& client) LITHE_RT;
   const NotReadyReason& not_ready() const LITHE_RT { return not_ready_; }
+  // A position drive keeps its target inside 607Dh: enabled beyond it, it would leap there. True: a set-up is needed
+  // first; its 607Dh contains this position, or is that of the robot file again.
+  bool must_move_limits(std::int32_t position_raw) LITHE_RT;
 
  private:
   enum class Kind : std::uint8_t {
@@ -132,6 +137,9 @@ class Setup {
   std::array<Step, kMostSteps> steps_{};
   std::size_t count_ = 0;
   std::size_t at_ = 0;
+  std::size_t limits_at_ = 0;                  // the two steps of 607Dh; 0 = none
+  std::int64_t least_raw_ = 0, most_raw_ = 0;  // of the robot file
+  std::int64_t margin_raw_ = 0;
   std::uint32_t looks_ = 0;
   NotReadyReason not_ready_;
 };

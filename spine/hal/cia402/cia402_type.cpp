@@ -78,6 +78,8 @@ std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::
   params.deceleration_rad_s2 = joint.deceleration_rad_s2;
   params.position_min_rad = joint.position_min_rad - robot.guard.position_overrun_rad;
   params.position_max_rad = joint.position_max_rad + robot.guard.position_overrun_rad;
+  params.target_min_rad = joint.position_min_rad;
+  params.target_max_rad = joint.position_max_rad;
   params.soft_start_s = robot.guard.soft_start_s;
   params.joint = {joint.sign, joint.zero_rad, joint.ratio};
   return std::make_unique<Cia402Drive>(params);

@@ -98,7 +98,7 @@ TEST(Recover, ALoadAboveItsTorqueEndsInTheSafeStopWithJointAndReason) {
   EXPECT_EQ(static_cast<wire::Fault>(rig.record_.joint_fault[0]), wire::Fault::none);
   EXPECT_EQ(static_cast<wire::Fault>(rig.record_.joint_fault[1]), wire::Fault::recover_failed);
   EXPECT_EQ(rig.last_event(wire::EventKind::safe_stop),
-            "recover_failed at joint joint1: load above the recover torque");
+            "recover_failed at joint joint1: the recover torque does not move it (load, or a stop)");
   EXPECT_EQ(rig.send(CommandKind::arm), CommandResult::refused_fault);
   EXPECT_EQ(rig.send(CommandKind::recover), CommandResult::done) << "once more, from the safe stop";
 }

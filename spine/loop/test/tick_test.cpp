@@ -213,12 +213,14 @@ TEST_F(TickTest, ADriveThatReportsAFaultIsNotArmedAndAResetReachesIt) {
     handover_.finish();
   };
   for (const std::uint32_t bits : {wire::joint_status::kFault, wire::joint_status::kWatchdog}) {
+    tick();
     EXPECT_EQ(send(CommandKind::reset), CommandResult::refused_mode);
     says(bits);
     EXPECT_EQ(send(CommandKind::arm), CommandResult::refused_not_ready);
     EXPECT_EQ(mode(), Mode::disarmed);
     says(bits);
     EXPECT_EQ(send(CommandKind::reset), CommandResult::done);
+    tick();
     EXPECT_TRUE(sent_.clear_faults);
   }
   EXPECT_EQ(send(CommandKind::arm), CommandResult::done);

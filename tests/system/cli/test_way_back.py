@@ -75,7 +75,7 @@ def test_a_joint_that_cannot_be_moved_is_named_with_the_reason(rig: RobotRig) ->
     rig.wait_for(lambda: "not armed" in rig.log())
     said = rig.lithe("recover")
     assert said.returncode == 3
-    assert "recover_failed at joint shoulder: load above the recover torque" in said.stderr
+    assert "recover_failed at joint shoulder: the recover torque does not move it (load, or a stop)" in said.stderr
     assert "recover_torque_share" in said.stderr
     assert rig.ask("status")["mode"] == "safe_stop"
 
