@@ -254,7 +254,7 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
   for (std::uint32_t j = 0; j < in_.joints; ++j) {
     torque_nm[j] = wanted_nm(effort_, in_, j);
     joint_stopped[j] = guard_.stopped(j);
-    clamped[j] = guard_.law_flags(j) & Probation::kClamped;
+    clamped[j] = guard_.law_flags(j) & (Probation::kClamped | Probation::kSlewed);
     if (soft_start && (clamped[j] & flag::kTorqueClamped) != 0) {
       held_back = true;
       clamped[j] &= ~flag::kTorqueClamped;  // of the start, not the law
@@ -317,7 +317,9 @@ void Laws::tell_clamped(const Probation::Evidence& evidence, EventText& words) c
   const double torque_nm = wanted_nm(effort_, in_, evidence.joint), speed_rad_s = in_.velocity_rad_s[evidence.joint];
   // The guard brakes ahead of both limits, with one flag: at half the speed limit the speed is the more telling one.
   const bool fast = std::abs(speed_rad_s) > 0.5 * joint.velocity_max_rad_s;
-  if ((evidence.clamped & flag::kTorqueClamped) != 0) {
+  if (evidence.clamped == Probation::kSlewed) {
+    (words << "torque_slew_nm_s is ").number(joint.torque_slew_nm_s, 0);
+  } else if ((evidence.clamped & flag::kTorqueClamped) != 0) {
     (words << "wants ").number(torque_nm, 3) << " N m of ";
     words.number(joint.torque_max_nm, 3);
   } else if ((evidence.clamped & flag::kVelocityClamped) != 0 || fast) {
@@ -350,7 +352,8 @@ EventText Laws::in_words(const Probation::News& news) const LITHE_RT {
       words.number(evidence.allowed, 3);
       break;
     case LawFaultKind::guard_busy:
-      words << ": joint " << robot_.joints[evidence.joint].name << " clamped in ";
+      words << ": joint " << robot_.joints[evidence.joint].name
+            << (evidence.clamped == Probation::kSlewed ? " slewed in " : " clamped in ");
       words.number(100 * evidence.value, 1) << " % of ticks, allowed ";
       words.number(100 * evidence.allowed, 0) << ": ";
       tell_clamped(evidence, words);

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "spine/law/clamp_limits.hpp"
+
 namespace lithe::step {
 namespace {
 
@@ -11,8 +13,10 @@ using wire::LawFaultKind;
 
 constexpr double kErrorMemoryS = 1.0;
 constexpr double kGuardMemoryS = 0.2;  // a setpoint step may saturate a good law for 0.1 s
-constexpr double kBusy = 0.8, kCalm = 0.4;
-constexpr double kHandedOn = 0.6;  // at most so much of the guard's share counts for the next law of a row
+constexpr double kBusy = law::kTorqueClampLimit.probation, kSlewBusy = law::kSlewClampLimit.probation;
+static_assert(law::kPositionClampLimit.probation == kBusy && law::kVelocityClampLimit.probation == kBusy);
+constexpr double kCalm = 0.5;       // of these: so little before the commit, and the rest is the new law's
+constexpr double kHandedOn = 0.75;  // of these: at most so much counts for the next law of a row
 constexpr auto kCatchUpNs = static_cast<std::int64_t>(1e9 * Probation::kCatchUpS);
 constexpr std::int64_t kLongestReturnNs = 1'000'000'000;
 
@@ -42,6 +46,7 @@ bool in_motion(const Probation::Observed& tick) LITHE_RT {
 void Probation::configure(const robot::RobotConfig& robot) {
   forget_error_ = std::exp(-1.0 / (kErrorMemoryS * robot.rate_hz));
   forget_guard_ = std::exp(-1.0 / (kGuardMemoryS * robot.rate_hz));
+  forget_slew_ = std::exp(-1.0 / (law::kSlewMemoryS * robot.rate_hz));
   pause_ns_ = std::llround(1e9 * std::max(kPauseS, 3.5 / robot.rate_hz));
   params_ticks_ = static_cast<std::uint32_t>(std::lround(robot.swap.probation_s * robot.rate_hz));
   params_error_ratio_ = robot.swap.probation_error_ratio;
@@ -63,7 +68,8 @@ void Probation::start(const law::Resident& law, const Tick& in, bool again) LITH
   } else {
     if (!again && !(error_ratio_ > 0)) compare_errors_from_here();  // they were not judged: the robot may be far off
     long_steps_ = 0;
-    for (double& share : clamped_share_) share = std::min(share, kHandedOn);
+    for (double& share : clamped_share_) share = std::min(share, kHandedOn * kBusy);
+    for (double& share : slewed_share_) share = std::min(share, kHandedOn * kSlewBusy);
     tremor_.hand_on();
   }
   error_ratio_ = terms_.probation_error_ratio;
@@ -118,6 +124,7 @@ void Probation::find(const Tick& in, bool again) LITHE_RT {
 void Probation::forget_unproven(const Tick& in) LITHE_RT {
   most_error_rad_ = error_before_rad_;
   clamped_share_ = clamped_before_;
+  slewed_share_ = slewed_before_;
   tremor_.restore();
   returning_until_ns_ = in.t_ns + kLongestReturnNs;
 }
@@ -126,6 +133,7 @@ void Probation::compare_from_here() LITHE_RT {
   long_steps_ = 0;
   compare_errors_from_here();
   clamped_before_ = clamped_share_;
+  slewed_before_ = slewed_share_;
   tremor_.start();
 }
 
@@ -177,7 +185,9 @@ bool Probation::tracking_is_lost(const Tick& in, Evidence& evidence) const LITHE
 bool Probation::guard_is_busy(const Observed& tick, Evidence& evidence) const LITHE_RT {
   for (std::uint32_t j = 0; j < tick.in.joints; ++j) {
     evidence = {.joint = j, .value = clamped_share_[j], .allowed = kBusy, .clamped = tick.clamped[j]};
-    if (clamped_share_[j] > kBusy && clamped_before_[j] < kCalm) return true;
+    if (clamped_share_[j] > kBusy && clamped_before_[j] < kCalm * kBusy) return true;
+    evidence = {.joint = j, .value = slewed_share_[j], .allowed = kSlewBusy, .clamped = Probation::kSlewed};
+    if (slewed_share_[j] > kSlewBusy && slewed_before_[j] < kCalm * kSlewBusy) return true;
   }
   return false;
 }
@@ -203,8 +213,12 @@ void Probation::remember(const Observed& tick) LITHE_RT {
     if (!counts && !on() && !returns) paused_rad_[j] = std::max(paused_rad_[j], off_rad);
     const bool excused = on() && error_ratio_ > 0 && off_rad > error_ratio_ * before_rad(j);
     if (counts && !returns && !excused) most_error_rad_[j] = std::max(off_rad, most_error_rad_[j] * forget_error_);
-    const double clamped = tick.clamped[j] != 0 ? 1.0 : 0.0;
-    if (!returns && !(excused && counts)) clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
+    const double clamped = (tick.clamped[j] & kClamped) != 0 ? 1.0 : 0.0;
+    const double slewed = (tick.clamped[j] & (kSlewed | kBraked)) == kSlewed ? 1.0 : 0.0;
+    if (!returns && !(excused && counts)) {
+      clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
+      slewed_share_[j] = slewed + (slewed_share_[j] - slewed) * forget_slew_;
+    }
     tick.stopped[j] || returns ? tremor_.skip(j) : tremor_.see(tick.in, j, tick.torque_nm[j]);
   }
   const bool too_long = terms_.budget_ns > 0 && tick.law_ns > terms_.budget_ns;
@@ -214,10 +228,13 @@ void Probation::remember(const Observed& tick) LITHE_RT {
 void Probation::rest(std::uint32_t joints, bool fault) LITHE_RT {
   for (std::uint32_t j = 0; j < joints; ++j) {
     const double kept = fault ? 0.0 : forget_error_, kept_guard = fault ? 0.0 : forget_guard_;
+    const double kept_slew = fault ? 0.0 : forget_slew_;
     most_error_rad_[j] *= kept;
     error_before_rad_[j] *= kept;
     clamped_share_[j] *= kept_guard;
     clamped_before_[j] *= kept_guard;
+    slewed_share_[j] *= kept_slew;
+    slewed_before_[j] *= kept_slew;
     tremor_.rest(j, fault);
   }
   paused_rad_.fill(0.0);

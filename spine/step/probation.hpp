@@ -19,8 +19,8 @@ namespace lithe::step {
 //   tracking    a joint's error grows beyond error_ratio times the largest of the time before the commit; a joint that
 //               tracked better than kLeastErrorRad counts as having been that far off. The error is that at the time of
 //               the sample: setpoint - setpoint velocity * sample_age_s - position
-//   guard       in most recent ticks the guard had to clamp a joint's torque, velocity or position, and before the
-//               commit it did not
+//   guard       in most recent ticks the guard had to clamp a joint's torque, velocity or position, or in a quarter of
+//               them to slow its torque down (law/clamp_limits.hpp), and before the commit it did not
 //   chatter     a joint's torque jumps up and down from tick to tick (law::Tremor)
 //   oscillation a joint oscillates without decay (law::Tremor)
 //   budget      the step took longer than allowed kMostLong times in a row; a single time may be the machine's fault
@@ -76,7 +76,7 @@ class Probation {
     const Tick& in;
     const JointArray& torque_nm;  // what the law wants at each joint
     std::int64_t law_ns;
-    std::array<std::uint32_t, kMaxJoints> clamped;  // per joint: kClamped bits of what the guard did to the law
+    std::array<std::uint32_t, kMaxJoints> clamped;  // per joint: kClamped and kSlewed bits of what the guard did
     std::array<bool, kMaxJoints> stopped;           // joints that the law does not drive: their setpoint follows them
     bool soft_start;                                // the guard limits a torque, because the robot was just armed
   };
@@ -84,6 +84,10 @@ class Probation {
   static constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped |
                                             wire::telemetry_flag::kVelocityClamped |
                                             wire::telemetry_flag::kPositionClamped;
+  // Its slew counts while the guard does not brake the joint: then it changes the torque itself.
+  static constexpr std::uint32_t kSlewed = wire::telemetry_flag::kSlewClamped;
+  static constexpr std::uint32_t kBraked =
+      wire::telemetry_flag::kVelocityClamped | wire::telemetry_flag::kPositionClamped;
   // Measured value and limit: tracking_lost [rad] and guard_busy [share of ticks] at `joint`, overran [s].
   struct Evidence {
     std::uint32_t joint = 0;
@@ -134,6 +138,7 @@ class Probation {
 
   double forget_error_ = 0;  // per tick, of the largest error
   double forget_guard_ = 0;  // per tick, of what the guard clamped
+  double forget_slew_ = 0;
   std::uint32_t params_ticks_ = 0;
   double params_error_ratio_ = 0;
   JointArray most_error_rad_{};
@@ -142,6 +147,7 @@ class Probation {
   std::int64_t catching_up_ns_ = 0;  // until then
   JointArray paused_rad_{};          // the largest errors in it so far
   JointArray clamped_share_{};       // of recent ticks in which the guard clamped the joint
+  JointArray slewed_share_{};        // in which it slowed its torque down
   law::Tremor tremor_;
 
   law::Terms terms_;
@@ -155,7 +161,7 @@ class Probation {
   bool put_back_ = false;                   // a law was put back, and not every joint is within the measure since
   std::int64_t returning_until_ns_ = 0;     // nothing is remembered, after a rollback until every joint is back
   std::array<bool, kMaxJoints> stopped_{};  // in the last tick
-  JointArray clamped_before_{};
+  JointArray clamped_before_{}, slewed_before_{};
 };
 
 }  // namespace lithe::step

@@ -52,6 +52,8 @@ json to_json(const Report& report, const LoopStats& alone, const LoopStats& alon
   out["loop"]["without_a_law"] = loop_json(alone, joints);
   out["loop"]["rough"] = loop_json(report.rough, joints);
   out["loop"]["rough"]["without_a_law"] = loop_json(alone_rough, joints);
+  if (report.carried_fields > 0) out["loop"]["carried"] = loop_json(report.carried, joints);
+  if (report.carried_fields > 0) out["loop"]["carried"]["state_fields"] = report.carried_fields;
   out["replay"].update({{"records", report.replay_records},
                         {"most_torque_nm", report.replay_most_torque_nm},
                         {"takeover_step_nm", report.takeover_step_nm},

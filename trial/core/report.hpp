@@ -70,8 +70,9 @@ struct Report {
   std::uint64_t invalid_pc = 0;  // of the first invalid operation of a step that was not finite; 0 = unknown
   std::uint64_t image_base = 0;  // where the law lies: its slot's start, or where dlopen put it
 
-  LoopStats loop, rough;
-  std::array<law::JointSums, kMaxJoints> sums{};  // of the first run; of the rough one when it was refused there
+  LoopStats loop, rough, carried;
+  std::uint32_t carried_fields = 0;               // of the running law's State; 0: there was no run with it
+  std::array<law::JointSums, kMaxJoints> sums{};  // of the first run, or of a later one in which it was refused
   std::array<double, kMaxParams> param_values{};
   std::uint32_t params = 0;
   std::uint32_t hostile_cases = 0, hostile_not_finite = 0, hostile_not_recovered = 0;

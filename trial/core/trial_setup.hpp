@@ -29,8 +29,9 @@ struct SimulatedRobot {
 struct TrialSetup {
   robot::RobotConfig robot;
   SimulatedRobot plain, heavy;  // as the robot file says; with a payload, for the rough run
+  SimulatedRobot carried;       // as plain, for the run with the State that will be carried
   RawClock clock;
-  int run_ms = 0;  // of the processor, which both runs take without a law; a law's take it again
+  int run_ms = 0;  // of the processor, which the three runs take without a law; a law's take it again
   std::unique_ptr<load::ArenaStore> arena;  // null = there is none
   bool filtered = false;                    // allow_trials_only() holds for the zygote, and so for its children
 

@@ -15,8 +15,10 @@ namespace {
 // much damping.
 constexpr double kFastOfRate = 0.035;
 
-// The run that refused the law: the second one when there was one.
-const LoopStats& last_run(const Report& report) { return report.rough.ticks > 0 ? report.rough : report.loop; }
+// The run that refused the law.
+const LoopStats& last_run(const Report& report) {
+  return report.carried.ticks > 0 ? report.carried : report.rough.ticks > 0 ? report.rough : report.loop;
+}
 
 std::uint32_t joint_of(const LoopStats& run) {
   return run.fault != 0 ? run.fault_joint : run.tremor != 0 ? run.tremor_joint : run.held_joint;

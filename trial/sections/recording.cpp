@@ -2,12 +2,16 @@
 #include "trial/sections/recording.hpp"
 
 #include <algorithm>
+#include <bit>
+#include <cstring>
+#include <iterator>
 #include <limits>
 #include <memory>
 
 #include "spine/ipc/layout.hpp"
 #include "spine/ipc/segment.hpp"
 #include "spine/law/dry_inputs.hpp"
+#include "spine/law/migrate.hpp"
 #include "spine/load/loader.hpp"
 
 namespace lithe::trial {
@@ -33,6 +37,7 @@ Recording::Recording(const std::string& robot, std::uint64_t values_hash, std::u
   wire::RobotInfo info{};
   of_another_ =
       ipc::ChannelReader<wire::RobotInfo>((*segment)->robot_info).read(info) && info.values_hash != values_hash;
+  read_state(**segment);
   const auto record = std::make_unique<wire::Telemetry>();
   ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> reader((*segment)->telemetry);
   if (!reader.latest(*record) || record->joint_count != joints) return;
@@ -49,6 +54,34 @@ Recording::Recording(const std::string& robot, std::uint64_t values_hash, std::u
     for (const auto quantity : kKept)
       values_.insert(values_.end(), ((*record).*quantity).begin(), ((*record).*quantity).begin() + joints);
   }
+}
+
+void Recording::read_state(const ipc::SpineMemory& spine) {
+  wire::LawState state;
+  if (!ipc::ChannelReader<wire::LawState>(spine.law_state).read(state)) return;
+  LitheLaw running{};
+  running.state_size = std::min<std::uint32_t>(state.state_bytes, kMaxStateBytes);
+  for (const auto& channel : spine.law_info) {
+    wire::LawInfo info;
+    if (!ipc::ChannelReader<wire::LawInfo>(channel).read(info) || info.law_id != state.law_id) continue;
+    for (std::uint32_t i = 0; i < std::min<std::size_t>(info.state_field_count, kMaxStateFields); ++i) {
+      LitheStateField field{};
+      std::copy_n(info.state_name.begin() + i * sizeof field.name, sizeof field.name - 1, std::begin(field.name));
+      field.kind = info.state_kind[i];
+      field.offset = info.state_offset[i];
+      field.count = info.state_elements[i];
+      const std::uint64_t end = field.offset + std::uint64_t{kind_bytes(FieldKind{field.kind})} * field.count;
+      if (end <= running.state_size) running.state[running.state_count++] = field;
+    }
+  }
+  running_ = running;
+  std::memcpy(state_.data(), state.bytes.data(), state_.size());
+}
+
+std::uint32_t Recording::carry(const LitheLaw& law, std::span<std::byte> state) const {
+  if (law.state_size > state.size()) return 0;
+  const law::Migration plan = law::plan_migration(running_, law);
+  return plan.count - static_cast<std::uint32_t>(std::popcount(apply_migration(plan, state_.data(), state.data())));
 }
 
 void Recording::fill(Tick& tick, std::size_t i) const {

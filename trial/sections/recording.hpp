@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The last seconds of a running robot's telemetry.
+// The last seconds of a running robot's telemetry, and the State of the law that runs.
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "lithe/law.hpp"
+#include "spine/ipc/layout.hpp"
 
 namespace lithe::trial {
 
@@ -28,6 +31,9 @@ class Recording {
   void fill(Tick& tick, std::size_t i) const;
   double command_torque_nm(std::size_t i, std::uint32_t joint) const { return at(i, command, joint); }
 
+  // Copies into `state` what this law would get of the running law's State at its commit; its number of fields.
+  std::uint32_t carry(const LitheLaw& law, std::span<std::byte> state) const;
+
   // The newest ticks first, at most `most`. Without a recording: a robot that follows a slow sine.
   std::vector<PastTick> past(std::size_t most, std::uint32_t joints, double dt_s) const;
 
@@ -40,6 +46,7 @@ class Recording {
     std::array<double, kMaxSensors> sensor{};
   };
   enum Quantity { position, velocity, torque, setpoint_position, setpoint_velocity, command, kQuantities };
+  void read_state(const ipc::SpineMemory& spine);
   double at(std::size_t i, Quantity quantity, std::uint32_t joint) const {
     return values_[(i * kQuantities + quantity) * joints_ + joint];
   }
@@ -49,6 +56,8 @@ class Recording {
   bool of_another_ = false;
   std::vector<Record> records_;
   std::vector<double> values_;
+  LitheLaw running_{};  // of it only the State's description; without fields: no law runs, or it has none
+  std::array<std::byte, kMaxStateBytes> state_{};
 };
 
 }  // namespace lithe::trial

@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <array>
 #include <cmath>
+#include <cstring>
 #include <memory>
+#include <span>
 #include <string>
 
 #include "spine/ipc/layout.hpp"
@@ -94,6 +97,49 @@ TEST_F(RecordingTest, ARobotStartedWithOtherValuesIsToldApart) {
   EXPECT_TRUE(Recording(robot_, 8, 2, 1e-3, 2.0).of_another());
   lease_ = ipc::Lease();
   EXPECT_FALSE(Recording(robot_, 8, 2, 1e-3, 2.0).of_another()) << "none runs";
+}
+
+struct Holder {
+  struct Params {};
+  struct State {
+    double budget_nm = 0;
+    std::array<float, 2> filtered_rad{};
+    double own = 3;
+  };
+  static void step(const Tick&, const Params&, State&, Effort&) {}
+};
+
+TEST_F(RecordingTest, ALawCarriesTheFieldsOfTheRunningOneByName) {
+  run(1, 3);
+  wire::LawInfo info;
+  info.law_id = 7;
+  info.state_field_count = 3;
+  const auto field = [&](std::size_t i, const char* name, wire::StateKind kind, std::uint32_t offset) {
+    std::strcpy(info.state_name.data() + 32 * i, name);
+    info.state_kind[i] = static_cast<std::uint32_t>(kind);
+    info.state_offset[i] = offset;
+    info.state_elements[i] = 1;
+  };
+  field(0, "filtered_rad", wire::StateKind::f32, 8);
+  field(1, "budget_nm", wire::StateKind::f64, 0);
+  field(2, "own", wire::StateKind::f64, 4093);  // beyond the State: damaged
+  wire::LawState state;
+  state.law_id = 7;
+  state.state_bytes = 16;
+  const double budget_nm = 0.4;
+  const float filtered_rad = 0.25;
+  std::memcpy(state.bytes.data(), &budget_nm, sizeof budget_nm);
+  std::memcpy(state.bytes.data() + 8, &filtered_rad, sizeof filtered_rad);
+  ipc::ChannelWriter<wire::LawInfo>((*segment_)->law_info[2]).write(info);
+  ipc::ChannelWriter<wire::LawState>((*segment_)->law_state).write(state);
+  constexpr LitheLaw kHolder = describe<Holder>("holder");
+  Holder::State carried;
+  const Recording recording(robot_, 0, 2, 1e-3, 2.0);
+  EXPECT_EQ(recording.carry(kHolder, std::as_writable_bytes(std::span(&carried, 1))), 2u);
+  EXPECT_EQ(carried.budget_nm, 0.4);
+  EXPECT_EQ(carried.filtered_rad[0], 0.25F);
+  EXPECT_EQ(carried.own, 3);
+  EXPECT_EQ(Recording().carry(kHolder, std::as_writable_bytes(std::span(&carried, 1))), 0u) << "no law runs";
 }
 
 TEST(RecordingWithoutASpine, PastIsARobotThatMovesSlowly) {

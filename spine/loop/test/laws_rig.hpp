@@ -94,6 +94,14 @@ struct Chatters {
                      (t.tick % 2 == 0 ? 0.2 : -0.2);
   }
 };
+struct Hammers {  // below the frequency of chatter, too fast for the joint to swing far
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    u.torque_nm[0] = 4.0 * (t.setpoint_position_rad[0] - t.position_rad[0]) - 0.1 * t.velocity_rad_s[0] +
+                     (t.tick / 9 % 2 == 0 ? 0.4 : -0.4);
+  }
+};
 struct Swings {  // negative damping
   struct Params {};
   struct State {};
@@ -164,6 +172,7 @@ inline constexpr LitheLaw kIntegrate = describe<Integrate>("integrate");
 inline constexpr LitheLaw kPoisoner = describe<Poisoner>("poisoner");
 inline constexpr LitheLaw kLazy = describe<Lazy>("lazy");
 inline constexpr LitheLaw kChatters = describe<Chatters>("chatters");
+inline constexpr LitheLaw kHammers = describe<Hammers>("hammers");
 inline constexpr LitheLaw kSwings = describe<Swings>("swings");
 inline constexpr LitheLaw kTuned = describe<Tuned>("tuned");
 inline constexpr LitheLaw kClock = describe<Clock>("clock");

@@ -275,5 +275,35 @@ TEST_F(Failing, LawsThatEachSwingForAShortTimeAreFound) {
   EXPECT_EQ(why.find("oscillating: joint shoulder"), 0u) << why;
 }
 
+// The trial refuses what changes its torque faster than the robot allows in a quarter of the ticks; so does probation.
+TEST_F(LawsTest, ALawThatHammersOnProbationIsReplaced) {
+  arm_with(kPd);
+  publish(0.2);
+  ticks(300);
+  terms_.probation_ticks = 2000;
+  stage(kHammers);
+  ticks(1000);
+  EXPECT_EQ(slot_.active()->law_id, 1u);
+  const auto told = events(EventKind::law_rolled_back);
+  ASSERT_EQ(told.size(), 1u);
+  EXPECT_EQ(std::string(told[0].text.data()).find("guard_busy: joint shoulder slewed in 25."), 0u);
+  EXPECT_NE(std::string(told[0].text.data()).find("allowed 25: torque_slew_nm_s is 120"), std::string::npos)
+      << told[0].text.data();
+}
+
+// A setpoint that jumps again and again changes the torque of a good law as fast, but seldom.
+TEST_F(LawsTest, AGoodLawWhoseSetpointJumpsIsNotReplacedForItsSlew) {
+  arm_with(kPd);
+  publish(0.2);
+  ticks(300);
+  terms_.probation_ticks = 2000;
+  stage(kLifted);
+  for (int i = 0; i < 30; ++i) {
+    publish(i % 2 == 0 ? 0.4 : -0.4, 20);
+    live(100);
+  }
+  EXPECT_EQ(slot_.active()->law_id, 2u);
+}
+
 }  // namespace
 }  // namespace lithe::loop

@@ -219,6 +219,40 @@ def test_a_state_full_of_nan_does_not_lock_good_laws_out(arm: RobotRig) -> None:
     assert law(arm) == "integrates" and arm.ask("status")["law_faults"] == []
 
 
+HAMMER = """
+#include <lithe/law.hpp>
+// One keeps an amplitude in its State, the next one uses it.
+struct Hammer {
+  struct Params {};
+  struct State {
+    double amplitude_nm = 0;
+  };
+  static void step(const lithe::Tick& t, const Params&, State& s, lithe::Effort& u) {
+    u.torque_nm[0] = 4 * (t.setpoint_position_rad[0] - t.position_rad[0]) - 0.1 * t.velocity_rad_s[0];
+    DOES
+  }
+};
+LITHE_LAW(Hammer, "NAME");
+"""
+
+
+def test_a_law_that_hammers_by_a_state_that_it_carries_is_refused_at_its_trial(arm: RobotRig) -> None:
+    """The trial runs it with the State of the law that runs, too; without that State it passes."""
+    path = arm.dir / "hammer.cpp"
+    uses = HAMMER.replace("DOES", "u.torque_nm[0] += s.amplitude_nm * (t.tick / 9 % 2 ? 1 : -1);")
+    path.write_text(uses.replace("NAME", "harmless"))
+    trial = certificate(arm, arm.ask("swap", path)["request_id"])["trial"]
+    assert "carried" not in trial["report"]["loop"], "pd has no State"
+    path.write_text(HAMMER.replace("DOES", "s.amplitude_nm = 0.4;").replace("NAME", "keeps"))
+    before = arm.ask("swap", path)["commit_tick"]
+    arm.wait_for(lambda: arm.ask("status")["tick"] > before + 50)
+    path.write_text(uses.replace("NAME", "hammers"))
+    error = arm.ask("swap", path, code=1)["error"]
+    assert error["code"] == "trial_failed"
+    assert "with the State that it will carry from the law that runs it changes its torque faster" in error["message"]
+    assert law(arm) == "keeps"
+
+
 def test_without_a_law_before_it_a_crash_ends_in_the_safe_law(rig: RobotRig) -> None:
     """There is nothing to go back to; the certificate says that too."""
     path = rig.dir / "moody.cpp"
