@@ -93,7 +93,7 @@ bool is_of_motion(std::string_view why) {
 
 std::string_view next_step(std::string_view why) {
   constexpr std::pair<std::string_view, std::string_view> kSteps[] = {
-      {"tracking_lost", "make the law follow its setpoint better, or allow more (probation_error_ratio)"},
+      {"tracking_lost", "make the law follow its setpoint better: look at the signs, sizes and units of its gains"},
       {"guard_busy", "command less at this joint, or plan it slower; the robot file has its limits"},
       {"guard_stopped", "slow the joint down before its limits; the robot goes on after: lithe reset, lithe arm"},
       {"chattering", "lower the joint's damping, or smooth the speed that it uses"},

@@ -12,6 +12,8 @@ Json = dict[str, Any]
 MOST_BYTES = 1000
 MOST_JOINTS_BYTES = 450  # so that a robot with many joints leaves room for warnings
 MOST_ERROR_BYTES = 500
+MOST_HINTS_BYTES = 580  # two whole ones: spine/law/diagnosis.hpp makes none above 280 letters
+MOST_CLEANED_BYTES = 150
 MOST_DIFF_BYTES = 800
 MOST_STATUS_BYTES = 1500
 MOST_ALARMS_BYTES, MOST_PART_BYTES = 450, 250
@@ -95,12 +97,28 @@ def _joints(control: Json) -> Json:
     return {"joints": whole} | ({"joints_left_out": len(each) - len(whole)} if len(whole) < len(each) else {})
 
 
+def _hints(hints: list[str]) -> Json:
+    """As many as there is room for, none of them cut."""
+    room = MOST_HINTS_BYTES
+    kept: list[str] = []
+    for hint in hints:
+        room -= _size(hint) + 2
+        if room < 0:
+            break
+        kept.append(hint)
+    left_out = {"hints_left_out": len(hints) - len(kept)} if len(kept) < len(hints) else {}
+    return ({"hints": kept} if kept else {}) | left_out
+
+
 def _parts(certificate: Json) -> Json:
     """What is told of it, the most important first."""
     parts: Json = {}
     if "certificate" in certificate:
         parts["certificate"] = "swaps/" + str(certificate["certificate"]).removesuffix(".json")
     parts |= {key: certificate[key] for key in FIRST if key in certificate}
+    parts |= _hints((certificate.get("trial") or {}).get("hints") or [])
+    if "cleaned" in certificate:
+        parts["cleaned"] = beginning(certificate["cleaned"], MOST_CLEANED_BYTES)
     for name in ("error", "rolled_back"):
         said = certificate.get(name) or {}
         if told := {key: said[key] for key in ("code", "message", "why", "law", "next") if key in said}:
@@ -117,8 +135,6 @@ def _parts(certificate: Json) -> Json:
         parts["state_not_carried"] = fields
     if warnings := (certificate.get("trial") or {}).get("warnings"):
         parts["warnings"] = warnings
-    if "cleaned" in certificate:
-        parts["cleaned"] = certificate["cleaned"]
     if shadow := certificate.get("shadow"):
         parts |= {f"shadow_{key}": shadow[key] for key in ("ticks", "most_nm", "rms_nm")}
     return parts

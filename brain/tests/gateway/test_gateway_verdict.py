@@ -145,6 +145,17 @@ def test_of_many_joints_the_worst_come_first_and_warnings_have_room() -> None:
     assert short["joints_left_out"] == 32 - len(short["joints"]) and short["warnings"][0].startswith("www")
 
 
+def test_hints_of_a_law_that_was_taken_come_early_and_whole() -> None:
+    """What a certificate knows of a law's mistake is not lost to numbers of its joints."""
+    hints = [f"joint {name}: the law gave it no torque at all".ljust(275, ".") for name in ("a", "b", "c")]
+    joints = [{"joint": f"joint_with_a_long_name_{n}", "after": {"rms_error_rad": 0.1}} for n in range(32)]
+    short = brief({"verdict": "confirmed", "trial": {"hints": hints, "warnings": ["w" * 300] * 9},
+                   "control": {"joints": joints}, "cleaned": ["line 1: text was left out"] * 20})  # fmt: skip
+    assert len(json.dumps(short)) < MOST_BYTES
+    assert short["hints"] == hints[:2] and short["hints_left_out"] == 1
+    assert short["cleaned"][0] == "line 1: text was left out"
+
+
 def test_of_many_joints_those_that_became_worse_come_first() -> None:
     """Not those with the largest error, which a new law may have made ten times smaller."""
     joints = [
