@@ -108,6 +108,7 @@ class CommandResult(IntEnum):
     refused_not_simulated = 11
     refused_damaged = 12
     refused_untried = 13
+    refused_marked = 14
 
 
 class EventKind(IntEnum):
@@ -145,6 +146,7 @@ class EventKind(IntEnum):
     params_confirmed = 31
     params_reverted = 32
     memory_damaged = 33
+    law_marked = 34
 
 
 class StageResult(IntEnum):
@@ -224,6 +226,7 @@ class TelemetryFlags(IntFlag):
     recovering = 524288
     unproven = 1048576
     params_on_probation = 2097152
+    law_marked = 4194304
 
 
 class JointStatus(IntFlag):

@@ -44,6 +44,7 @@ _NEXT = {
     CommandResult.refused_not_ready: "try again; robot.telemetry.latest() has each joint's status",
     CommandResult.refused_not_homed: "home the joint, then: robot.arm()",
     CommandResult.refused_untried: "a supervisor lives: robot.params.set() asks it, and it tries them first",
+    CommandResult.refused_marked: "its law has stopped the robot: robot.rollback(), or robot.arm(all_the_same=True)",
     CommandResult.refused_outside: "bring the joint inside by hand, or with a supervisor: lithe run, lithe recover",
 }
 
@@ -93,7 +94,7 @@ class Mailbox:
             return self._set_params(**args)
         if verb == "rollback":
             return self._rollback(**args)
-        answer = self._deliver(CommandKind[verb], 1 if args.get("now") else 0)
+        answer = self._deliver(CommandKind[verb], int(bool(args.get("now") or args.get("all_the_same"))))
         if verb in ("disarm", "reset"):
             return self._off(answer)
         return params_of(self._spine) if verb == "revert_params" else answer

@@ -284,9 +284,9 @@ class Robot:
         """{"events": [...], "cursor": n, "lost": n}: what happened after the cursor `since`, the newest last."""
         return self.call("events", since=since)
 
-    def arm(self) -> Any:
-        """Torque on: the law runs from the next tick."""
-        return self.call("arm")
+    def arm(self, all_the_same: bool = False) -> Any:
+        """Torque on: the law runs from the next tick. A law that has stopped the robot only with `all_the_same`."""
+        return self.call("arm", **({"all_the_same": True} if all_the_same else {}))
 
     def disarm(self, now: bool = False) -> Any:
         """Torque off, once a moving joint has been braked to rest; with `now` at once. `what` of the answer says it."""

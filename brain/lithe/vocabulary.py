@@ -109,6 +109,7 @@ _TERMS = {
     "brief": _flag("true (default): less than 2 kB; the certificate is the document it names. false: the whole"),
 }
 _WAYPOINTS = _list(_NUMBERS, "one row per waypoint, one number per joint", maxItems=16)
+_ARM = {"all_the_same": _flag("true: also a law that has stopped the robot")}
 
 _VERBS = (
     Verb(
@@ -294,7 +295,7 @@ _VERBS = (
     ),
     Verb("reference", "The reference that is streamed, since when, its interruptions, and why the one before ended."),
     Verb("stop_reference", "The reference comes to rest.", Effect.stops, first=True),
-    Verb("arm", "Torque on: the law runs from the next tick.", Effect.moves, first=True, tier=Tier.move),
+    Verb("arm", "Torque on: the law runs from the next tick.", Effect.moves, args=_ARM, first=True, tier=Tier.move),
     Verb(
         "recover",
         "Brings joints that are outside their limits inside, slowly and without a law.",

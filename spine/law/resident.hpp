@@ -49,6 +49,7 @@ struct Resident {
   std::uint64_t code_address = 0;  // where the slot begins; 0 = no slot
   Terms terms;
   bool unproven = false;  // it was committed on probation, and not confirmed since
+  bool marked = false;    // it has stopped the robot, and was not armed again with the word "all the same"
   std::array<Param, kMaxParams> params{};
   std::array<double, kMaxParams> params_before{};   // the values before the last change, for a revert
   std::array<double, kMaxParams> params_trusted{};  // the last confirmed values

@@ -63,6 +63,8 @@ Laws::Laws(const Wiring& wiring)
       period_ns_(std::llround(1e9 / wiring.robot.rate_hz)),
       budget_ns_(std::llround(static_cast<double>(period_ns_) * wiring.robot.swap.budget_share)) {
   probation_.configure(wiring.robot);
+  constexpr double kPowerMemoryS = 0.1;
+  forget_power_ = std::exp(-1.0 / (kPowerMemoryS * wiring.robot.rate_hz));
 }
 
 void Laws::step(Host& host, std::array<double, kMaxProbes>& probes) LITHE_RT {
@@ -122,6 +124,7 @@ bool Laws::fall_back(const Run& first, Host& host) LITHE_RT {
   if (back == Back::nowhere) {
     report(fault, 0, host.now_ns() - first.from_ns, why.text());
     stop_for(kind, why.text());
+    mark(why.text());
     return false;
   }
   const Run second = run(*slot_.active(), effort_, host);
@@ -133,8 +136,10 @@ bool Laws::fall_back(const Run& first, Host& host) LITHE_RT {
   const EventText its_why = in_words(second);
   fault = fault_of(second.failure);
   report(fault, 0, host.now_ns() - second.from_ns, its_why.text());
-  tell_back(step_back(), its_why.text());  // the law that runs after a reset
+  const Back further = step_back();
+  tell_back(further, its_why.text());  // the law that runs after a reset
   stop_for(its_kind, its_why.text());
+  if (further == Back::nowhere) mark(its_why.text());
   return false;
 }
 
@@ -144,7 +149,9 @@ void Laws::replace(const Probation::News& why) LITHE_RT {
   wire::LawFault fault = fault_of({why.kind, 0, 0});
   const Back back = step_back();
   report(fault, back == Back::nowhere ? 0 : slot_.active()->law_id, 0, words.text());
-  back == Back::nowhere ? stop_for(why.kind, words.text()) : tell_back(back, words.text());
+  if (back != Back::nowhere) return tell_back(back, words.text());
+  stop_for(why.kind, words.text());
+  if (why.kind != LawFaultKind::guard_stopped || drove_out(why.evidence.joint)) mark(words.text());
 }
 
 // Goes back by one step: to the previous parameters while the last ones are on probation, else to the law before the
@@ -157,7 +164,9 @@ Laws::Back Laws::step_back() LITHE_RT {
     return Back::params;
   }
   law::FieldBits mended = 0;
-  const bool back = slot_.rollback(law::Carry::none, 1, &mended);
+  std::uint32_t steps = 1;
+  while (slot_.before(steps) != nullptr && slot_.before(steps)->marked) ++steps;  // at most law::kHistory
+  const bool back = slot_.rollback(law::Carry::none, steps, &mended);
   probation_.start(*slot_.active(), in_, true);  // without another law, the same one runs after a reset
   if (!back) return Back::nowhere;
   report_.flags |= flag::kRolledBack;
@@ -182,8 +191,9 @@ void Laws::tell_not_carried(const law::Resident& law, law::FieldBits fields) LIT
   report_.event(EventKind::state_not_carried, law.law_id, law.request_id, count, words.text());
 }
 
-void Laws::mend() LITHE_RT {
+void Laws::begin() LITHE_RT {
   law::Resident& law = *slot_.active();
+  law.marked = false;
   tell_not_carried(law, law::mend_state(*law.descriptor, law.state.data()));
 }
 
@@ -241,9 +251,14 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
   const auto ran_away = [](const guard::Group& group) { return group.news && is_runaway(group.fault); };
   const auto groups = guard_.groups();
   const auto stopped = std::ranges::find_if(groups, ran_away);
-  if (probation_.on() && !verdict.recovering && stopped != groups.end())
-    return replace({.kind = LawFaultKind::guard_stopped, .evidence = {.joint = stopped->joint}});
+  if (!verdict.recovering && stopped != groups.end()) {
+    const Probation::News news{.kind = LawFaultKind::guard_stopped, .evidence = {.joint = stopped->joint}};
+    if (probation_.on()) return replace(news);
+    if (drove_out(stopped->joint)) mark(in_words(news).text());
+  }
+  if (marked()) report_.flags |= flag::kLawMarked;
   if (!mode_.law_runs()) return probation_.rest(in_.joints, mode_.fault() != wire::Fault::none);
+  see_power();
   const bool soft_start = (verdict.flags & flag::kSoftStarting) != 0;
   if (probation_.on()) report_.flags |= flag::kOnProbation;
   if (probation_.of_params()) report_.flags |= flag::kParamsOnProbation;

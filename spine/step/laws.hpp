@@ -51,9 +51,12 @@ class Laws {
   // To be called at the end of the tick: commits a waiting law, which the next tick runs. In step.cpp.
   void swap(Host& host) LITHE_RT;
 
-  // While a group is stopped, the law's values for it are not checked. Before the law drives that group again,
-  // non-finite State fields are set to their defaults.
-  void mend() LITHE_RT;
+  // Before the law drives joints that it did not drive: State fields that are not finite are set to their defaults,
+  // because the law's values for a stopped group are not checked; and a mark is taken off.
+  void begin() LITHE_RT;
+  // The law that would run has stopped the robot: a fault without a law to go back to, or it drove a joint out of its
+  // limits. A joint that something else drove out, against the law's torque, is not the law's doing.
+  bool marked() const LITHE_RT { return active() != nullptr && active()->marked; }
   // Commands, in listen.cpp. Sets all values in this tick, or, when one of them is refused, none.
   wire::CommandResult set_params(const wire::Command& command) LITHE_RT;
   // Reverts the last parameter change; a second call sets the new values again.
@@ -85,6 +88,9 @@ class Laws {
   Back step_back() LITHE_RT;
   void begin_law(std::uint32_t blend_ticks) LITHE_RT;
   void stop_for(wire::LawFaultKind kind, std::string_view why) LITHE_RT;
+  void mark(std::string_view why) LITHE_RT;
+  bool drove_out(std::uint32_t j) const LITHE_RT;  // this and the next: in step.cpp
+  void see_power() LITHE_RT;
   void commit(law::Resident& candidate, law::Carry carry) LITHE_RT;
   void start_shadow(law::Resident& candidate) LITHE_RT;
   void step_shadow(Host& host) LITHE_RT;
@@ -114,6 +120,8 @@ class Laws {
   Probation probation_;
   Shadow shadow_;
   Effort effort_;
+  double forget_power_ = 0;  // per tick
+  JointArray power_w_{};     // that the law recently gave to the joint; below 0: it braked
 };
 
 }  // namespace lithe::step

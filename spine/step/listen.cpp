@@ -17,6 +17,7 @@ namespace {
 
 // Arming accepts a sample this many ticks old.
 constexpr std::uint32_t kStaleTicksToArm = 3;
+constexpr std::uint32_t kAllTheSame = 1;  // of an arm: also a law that has stopped the robot
 
 // A robot that brakes for `disarm` is off when it has been at rest for so long, or after the second time.
 constexpr double kRestS = 0.02;
@@ -107,7 +108,15 @@ Conditions ControlStep::conditions(const Input& in) const LITHE_RT {
     homed = homed && (!robot_.joints[j].must_be_homed || (sample.status[j] & wire::joint_status::kNotHomed) == 0);
     inside = inside && guard_.recovery().inside(j, sample.position_rad[j]);
   }
-  return {laws_.active() != nullptr, all_fresh, drive_fault, homed, in.estop_pressed, inside, memory_whole_, moves(in)};
+  return {laws_.active() != nullptr,
+          all_fresh,
+          drive_fault,
+          homed,
+          in.estop_pressed,
+          inside,
+          memory_whole_,
+          moves(in),
+          laws_.marked() && (in.command == nullptr || in.command->count != kAllTheSame)};
 }
 
 bool ControlStep::moves(const Input& in) const LITHE_RT {
@@ -136,7 +145,7 @@ CommandResult ControlStep::change_mode(CommandKind kind, const Input& in) LITHE_
   if (result != CommandResult::done) return result;
   // Drives that are off: the slew bound starts at zero torque, and the setpoint starts at the measured position.
   if (before == wire::Mode::disarmed) guard_.reset_output();
-  if (kind == CommandKind::arm && before != wire::Mode::active && before != wire::Mode::hold) laws_.mend();
+  if (kind == CommandKind::arm && before != wire::Mode::active && before != wire::Mode::hold) laws_.begin();
   if (kind == CommandKind::reset) {
     guard_.forget_faults();
     drives_.clear_faults();

@@ -49,6 +49,7 @@ CommandResult ModeMachine::arm(const Conditions& conditions) LITHE_RT {
   if (brakes()) return CommandResult::refused_mode;
   if (fault_ != Fault::none && !law_runs()) return CommandResult::refused_fault;
   if (!conditions.has_law) return CommandResult::refused_law;
+  if (conditions.law_marked && !law_runs()) return CommandResult::refused_marked;
   if (!conditions.sample_fresh) return CommandResult::refused_not_ready;
   if (!conditions.homed) return CommandResult::refused_not_homed;
   if (!conditions.inside) return CommandResult::refused_outside;

@@ -18,6 +18,7 @@ struct Conditions {
   bool inside = true;          // every joint is at most Recovery::kAtLimitRad beyond its position limits
   bool memory_whole = true;    // contain::Constants found no change
   bool moves = false;          // a joint moves: the safe law brakes it before the drives are switched off
+  bool law_marked = false;     // the law has stopped the robot, and the command does not say "all the same"
 };
 
 //   arm      disarmed, hold -> active

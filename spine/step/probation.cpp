@@ -3,6 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+
+#include "spine/law/clamp_limits.hpp"
 
 #include "spine/law/clamp_limits.hpp"
 
@@ -121,6 +124,11 @@ void Probation::find(const Tick& in, bool again) LITHE_RT {
   for (std::uint32_t j = 0; j < in.joints; ++j) found_rad_[j] = stopped_[j] ? 0.0 : found_rad(in, j);
 }
 
+void Probation::begin(const Tick& in) LITHE_RT {
+  if (!of_law()) return;
+  for (std::uint32_t j = 0; j < in.joints; ++j) error_before_rad_[j] = std::max(error_before_rad_[j], found_rad(in, j));
+}
+
 void Probation::forget_unproven(const Tick& in) LITHE_RT {
   most_error_rad_ = error_before_rad_;
   clamped_share_ = clamped_before_;
@@ -145,6 +153,7 @@ void Probation::compare_errors_from_here() LITHE_RT {
 
 Probation::News Probation::watch(const Observed& tick) LITHE_RT {
   News news;
+  if (std::exchange(resting_, false)) begin(tick.in);
   remember(tick);
   if (!on()) return news;
   news.kind = find_fault(tick, news.evidence);
@@ -226,6 +235,7 @@ void Probation::remember(const Observed& tick) LITHE_RT {
 }
 
 void Probation::rest(std::uint32_t joints, bool fault) LITHE_RT {
+  resting_ = true;
   for (std::uint32_t j = 0; j < joints; ++j) {
     const double kept = fault ? 0.0 : forget_error_, kept_guard = fault ? 0.0 : forget_guard_;
     const double kept_slew = fault ? 0.0 : forget_slew_;

@@ -37,7 +37,8 @@ namespace lithe::step {
 // and no tick counts: when the machine stopped the tick, or the bus the exchange, for kPauseS (at least 3.5 periods);
 // while no law ran; while the guard limits the torque of the soft start. The guard's limits hold all the time. For a
 // law committed in this time, the errors since it began also count as errors before its commit.
-// While no law runs, the time before is forgotten as fast as otherwise; after a fault, at once.
+// While no law runs, the time before is forgotten as fast as otherwise; after a fault, at once. A law that is on
+// probation when it is armed is judged from the state that it finds then: its errors count as those before.
 // Parameters of an unconfirmed law get no probation of their own: they are judged with the law.
 // Contract: RT · owned by the tick thread · bounded work per joint
 class Probation {
@@ -127,6 +128,7 @@ class Probation {
   bool is_back(const Tick& in) const LITHE_RT;
   bool beyond(const Tick& in) const LITHE_RT;
   void find(const Tick& in, bool again) LITHE_RT;
+  void begin(const Tick& in) LITHE_RT;
   void forget_unproven(const Tick& in) LITHE_RT;
   void see_pauses(const Observed& tick) LITHE_RT;
   void compare_from_here() LITHE_RT;
@@ -158,6 +160,7 @@ class Probation {
   JointArray error_before_rad_{};
   std::int64_t found_until_ns_ = 0;  // until then the errors may be these
   JointArray found_rad_{};
+  bool resting_ = true;                     // no law ran in the last tick
   bool put_back_ = false;                   // a law was put back, and not every joint is within the measure since
   std::int64_t returning_until_ns_ = 0;     // nothing is remembered, after a rollback until every joint is back
   std::array<bool, kMaxJoints> stopped_{};  // in the last tick

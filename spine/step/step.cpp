@@ -3,6 +3,7 @@
 // the work with the running law in laws.cpp.
 #include "spine/step/step.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -252,6 +253,27 @@ void Laws::end_shadow(Shadow::Opinion opinion, std::string_view why) LITHE_RT {
 void Laws::begin_law(std::uint32_t blend_ticks) LITHE_RT {
   serialise_core();
   bumpless_.start(blend_ticks);
+}
+
+void Laws::mark(std::string_view why) LITHE_RT {
+  law::Resident& law = *slot_.active();
+  law.marked = true;
+  report_.event(EventKind::law_marked, law.law_id, law.request_id, 0, why);
+}
+
+// It gave power to the joint. What a law does about noise at rest is far below this share.
+bool Laws::drove_out(std::uint32_t j) const LITHE_RT {
+  constexpr double kOfFullPower = 1e-4;
+  return power_w_[j] > kOfFullPower * robot_.joints[j].torque_max_nm * robot_.joints[j].velocity_max_rad_s;
+}
+
+// Of what the joint can do only: a law may want any torque.
+void Laws::see_power() LITHE_RT {
+  for (std::uint32_t j = 0; j < in_.joints; ++j) {
+    const double most_nm = robot_.joints[j].torque_max_nm;
+    const double power_w = std::clamp(wanted_nm(effort_, in_, j), -most_nm, most_nm) * in_.velocity_rad_s[j];
+    if (std::isfinite(power_w)) power_w_[j] = power_w + (power_w_[j] - power_w) * forget_power_;
+  }
 }
 
 }  // namespace lithe::step

@@ -263,6 +263,7 @@ enum class CommandResult : std::uint32_t {
   refused_not_simulated = 11,
   refused_damaged = 12,
   refused_untried = 13,
+  refused_marked = 14,
 };
 
 // The name of `value`, or "?" for a number that is not one of CommandResult.
@@ -296,6 +297,8 @@ constexpr std::string_view to_string(CommandResult value) LITHE_RT {
       return "refused_damaged";
     case CommandResult::refused_untried:
       return "refused_untried";
+    case CommandResult::refused_marked:
+      return "refused_marked";
   }
   return "?";
 }
@@ -335,6 +338,7 @@ enum class EventKind : std::uint32_t {
   params_confirmed = 31,
   params_reverted = 32,
   memory_damaged = 33,
+  law_marked = 34,
 };
 
 // The name of `value`, or "?" for a number that is not one of EventKind.
@@ -408,6 +412,8 @@ constexpr std::string_view to_string(EventKind value) LITHE_RT {
       return "params_reverted";
     case EventKind::memory_damaged:
       return "memory_damaged";
+    case EventKind::law_marked:
+      return "law_marked";
   }
   return "?";
 }
@@ -601,6 +607,7 @@ inline constexpr std::uint32_t kGroupStopped = 262144;
 inline constexpr std::uint32_t kRecovering = 524288;
 inline constexpr std::uint32_t kUnproven = 1048576;
 inline constexpr std::uint32_t kParamsOnProbation = 2097152;
+inline constexpr std::uint32_t kLawMarked = 4194304;
 }
 
 namespace joint_status {
@@ -776,7 +783,7 @@ static_assert(offsetof(Plan, velocity_rad_s) == 4248);
 struct Command {
   std::uint32_t kind = {};  // CommandKind
   std::uint32_t law_id = {};  // set_params, revert_params, rollback: refused when another law runs; 0 = any
-  std::uint32_t count = {};  // set_params: how many; rollback: steps; disarm: 1 = a moving joint is not braked first
+  std::uint32_t count = {};  // set_params: how many; rollback: steps; disarm: 1 = a moving joint is not braked first; arm: 1 = also a law that has stopped the robot
   std::array<std::uint8_t, 4> pad0{};
   std::uint64_t request_id = {};  // comes back in the event
   std::array<std::uint32_t, 32> index{};  // set_params: which parameter

@@ -38,7 +38,8 @@ std::string code_word(wire::EventKind kind, std::uint32_t code) {
 bool tells_next(wire::EventKind kind) {
   constexpr wire::EventKind kKinds[] = {wire::EventKind::law_rolled_back, wire::EventKind::params_reverted,
                                         wire::EventKind::law_faulted,     wire::EventKind::safe_stop,
-                                        wire::EventKind::group_stopped,   wire::EventKind::memory_damaged};
+                                        wire::EventKind::group_stopped,   wire::EventKind::memory_damaged,
+                                        wire::EventKind::law_marked};
   return std::ranges::find(kKinds, kind) != std::end(kKinds);
 }
 
@@ -140,6 +141,18 @@ Json event_json(const wire::Event& event) {
   return out;
 }
 
+std::string way_from(std::uint32_t marked_id, const SpineLink& spine) {
+  const auto marked = spine.law(marked_id);
+  std::string good;  // the newest one before it
+  for (const wire::LawInfo& law : spine.laws())
+    if (law.law_id < marked_id) good = text_of(law.name);
+  const std::string name = marked ? text_of(marked->name) : "its law";
+  return fmt::format(
+      "{} stopped the robot; on again without it: lithe {}, lithe reset, lithe arm; with it: lithe arm "
+      "--all-the-same",
+      name, good.empty() ? "swap hold" : "activate " + good);
+}
+
 Json event_json(const wire::Event& event, const SpineLink& spine) {
   Json out = event_json(event);
   std::string more;
@@ -156,6 +169,11 @@ Json event_json(const wire::Event& event, const SpineLink& spine) {
   const std::string text = out["text"];
   if (tells_next(kind)) put_facts(text, spine.info(), out);
   if (const std::string_view next = next_step(text); tells_next(kind) && !next.empty()) out["next"] = std::string(next);
+  if (kind == wire::EventKind::law_marked) {
+    const std::string cause = out.value("next", "");
+    out["next"] =
+        (cause.empty() ? "" : cause.substr(0, cause.find("; the robot goes on")) + "; ") + way_from(event.code, spine);
+  }
   if (!more.empty()) out["text"] = text.empty() ? more : text + "; " + more;
   return out;
 }
@@ -179,6 +197,7 @@ void EventLog::add(Json event) {
   Json numbered = {{"cursor", ++last_}};
   numbered.update(event);
   if (kind == "safe_stop" || kind == "group_stopped") last_stop_ = event;
+  if (kind == "law_marked" && last_stop_.is_object()) last_stop_["next"] = event["next"];
   if (kind == "reset" || kind == "recovering") last_stop_ = nullptr;
   events_.push_back(std::move(numbered));
   if (events_.size() > kDepth) events_.pop_front();

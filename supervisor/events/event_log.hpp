@@ -26,6 +26,8 @@ Json event_json(const wire::Event& event, const SpineLink& spine);
 // What to do about the reason of a stop, a fault, a rollback or a revert, which is the first word of the Spine's event;
 // empty: somebody asked for it.
 std::string_view next_step(std::string_view why);
+// What to do about a law that has stopped the robot: the law before it, or the same one all the same.
+std::string way_from(std::uint32_t marked_id, const SpineLink& spine);
 // One line for a person.
 std::string event_line(const Json& event);
 

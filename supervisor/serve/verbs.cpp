@@ -105,10 +105,12 @@ void Verbs::add_looks() {
 }
 
 void Verbs::add_commands() {
-  const std::pair<const char*, wire::CommandKind> plain[] = {
-      {"arm", wire::CommandKind::arm},         {"hold", wire::CommandKind::hold},
-      {"estop", wire::CommandKind::estop},     {"reset", wire::CommandKind::reset},
-      {"recover", wire::CommandKind::recover}, {"sim_reset", wire::CommandKind::sim_reset}};
+  verbs_["arm"] = [this](const ReplyTo& to, const Json& args) { arm(to, args); };
+  const std::pair<const char*, wire::CommandKind> plain[] = {{"hold", wire::CommandKind::hold},
+                                                             {"estop", wire::CommandKind::estop},
+                                                             {"reset", wire::CommandKind::reset},
+                                                             {"recover", wire::CommandKind::recover},
+                                                             {"sim_reset", wire::CommandKind::sim_reset}};
   for (const auto& [name, kind] : plain)
     verbs_[name] = [this, kind = kind](const ReplyTo& to, const Json&) { command(kind, to); };
   verbs_["disarm"] = [this](const ReplyTo& to, const Json& args) {
@@ -155,6 +157,26 @@ void Verbs::command(wire::CommandKind kind, const ReplyTo& to, std::uint32_t cou
   command.count = count;
   command.law_id = law_id;
   parts_.commands.send(command, later(to, done), monotonic_ns());
+}
+
+// A refusal because of the law's mark names that law and the one before it.
+void Verbs::arm(const ReplyTo& to, const Json& args) {
+  const Json anyway = args.value("all_the_same", Json(false));
+  if (!anyway.is_boolean())
+    throw Refusal{"usage", fmt::format("all_the_same = {} is not true or false", anyway.dump()),
+                  "true arms also a law that has stopped the robot; leave it out otherwise"};
+  const auto answer = [this, to](const Answer& told) {
+    const auto* refusal = std::get_if<Refusal>(&told);
+    const auto law = parts_.spine.running_law();
+    if (refusal == nullptr || refusal->code != to_string(wire::CommandResult::refused_marked) || !law)
+      return reply_(to, told);
+    reply_(to, Refusal{refusal->code, fmt::format("cannot arm: law {} has stopped the robot", text_of(law->info.name)),
+                       way_from(law->info.law_id, parts_.spine)});
+  };
+  wire::Command command;
+  command.kind = static_cast<std::uint32_t>(wire::CommandKind::arm);
+  command.count = anyway == true ? 1 : 0;
+  parts_.commands.send(command, answer, monotonic_ns());
 }
 
 void Verbs::roll_back(const ReplyTo& to, const Json& args) {

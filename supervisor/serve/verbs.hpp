@@ -56,6 +56,7 @@ class Verbs {
                std::uint32_t law_id = 0);
   void swap_law(const ReplyTo& to, const Json& args);
   void check_law(const ReplyTo& to, const Json& args);
+  void arm(const ReplyTo& to, const Json& args);
   void roll_back(const ReplyTo& to, const Json& args);
   void activate(const ReplyTo& to, const Json& args);
   void go_back(const ReplyTo& to, std::uint32_t steps, const Json& left);

@@ -51,7 +51,7 @@ BAD_LINES = [b"", b"{", b"[]", b"null", b'{"verb": 7}', b'{"verb": "dance"}', b'
              b'{"verb": "set_params", "args": {"values": []}}', b'{"verb": "events", "args": {"since": -1}}',
              b'{"verb": "swap", "args": {"source": "", "probation_s": "x"}}', b"[" * 5000]  # fmt: skip
 WAITS = ("refused_not_ready", "busy", "timeout")
-NEEDS_LAW = ("refused_fault", "refused_law")
+NEEDS_LAW = ("refused_fault", "refused_law", "refused_marked")
 
 
 class Soak:

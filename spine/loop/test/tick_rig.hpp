@@ -162,6 +162,12 @@ class TickBench {
     for (int left = static_cast<int>(4 * robot_.rate_hz); left > 0 && mode() == Mode::safe_stop; --left) tick();
     return result;
   }
+  CommandResult arm_all_the_same() {  // also a law that has stopped the robot
+    wire::Command command;
+    command.kind = static_cast<std::uint32_t>(CommandKind::arm);
+    command.count = 1;
+    return send(command);
+  }
 
   void arm_with(const LitheLaw& law) {
     stage(law);

@@ -173,7 +173,7 @@ TEST_F(LawsTest, AnUnprovenLawThatStoppedTheRobotIsOnProbationAfterTheReset) {
     EXPECT_LT(error_rad, 4 * step::Probation::kLeastErrorRad) << "no more than the first time";
     ASSERT_EQ(send_off(CommandKind::reset), CommandResult::done);
     ticks(500);
-    ASSERT_EQ(send(CommandKind::arm), CommandResult::done);
+    ASSERT_EQ(arm_all_the_same(), CommandResult::done);
     ticks(400);
     ASSERT_EQ(slot_.active()->law_id, 2u);
     EXPECT_NE(record_.flags & flag::kOnProbation, 0u);

@@ -160,9 +160,9 @@ class Rig : public RecoverBench {
 
   // As the supervisor does it: while a sample is late, it asks again for a while.
   bool arm_and_stay() {
-    CommandResult result = send(CommandKind::arm);
+    CommandResult result = arm_all_the_same();
     for (int left = ticks_in(0.2); left > 0 && result == CommandResult::refused_not_ready; --left)
-      result = send(CommandKind::arm);
+      result = arm_all_the_same();
     if (result != CommandResult::done) return false;
     ticks(ticks_in(0.2));
     return mode() == Mode::active;

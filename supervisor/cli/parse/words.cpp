@@ -119,7 +119,10 @@ void add_motion(CLI::App& app, CommandLine& words, const char* name, bool relati
 }
 
 void add_motions(CLI::App& app, CommandLine& words) {
-  add_command(app, words, kMotion, "arm", "switch the drives on; the law tracks the plan");
+  add_verb(app, words, kMotion, "arm", "switch the drives on; the law tracks the plan", [](CommandLine& w) {
+    return cli::command(w.context, "arm",
+                        w.all_the_same ? control::Json{{"all_the_same", true}} : control::Json::object());
+  })->add_flag("--all-the-same", words.all_the_same, "also with a law that has stopped the robot");
   add_verb(app, words, kMotion, "disarm", "brake to rest, then switch the drives off", [](CommandLine& w) {
     return cli::command(w.context, "disarm", {{"now", w.now}});
   })->add_flag("--now", words.now, "without braking: a moving joint coasts, or falls");

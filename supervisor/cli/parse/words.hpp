@@ -30,6 +30,7 @@ struct CommandLine {
   std::map<std::string, double> terms;  // of a swap, by the names of the verb's arguments
   bool no_promote = false;              // its shadow is only measured
   bool now = false;                     // disarm without braking
+  bool all_the_same = false;            // arm a law that has stopped the robot
   std::uint64_t since = 0;
   bool follow = false;
   std::string file;

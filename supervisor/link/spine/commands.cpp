@@ -250,6 +250,10 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
               kNewStart};
     case CommandResult::refused_outside:
       return refused_outside(kind, now, info);
+    case CommandResult::refused_marked:
+      return {code, "cannot arm: the law that would run has stopped the robot",
+              "put another in: lithe activate LAW or lithe swap LAW, then: lithe arm; the same law all the same: "
+              "lithe arm --all-the-same"};
     case CommandResult::refused_untried:
       return {code, "parameters in the Brain's mailbox are refused while a supervisor lives: it tries them first",
               "lithe param set, robot.params.set()"};

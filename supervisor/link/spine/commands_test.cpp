@@ -84,6 +84,7 @@ TEST(RefusalOf, AdvisesByTheModeTheRobotIsIn) {
        "disarm"},
       {CommandKind::sim_reset, CommandResult::refused_mode, in_mode(Mode::active), "lithe disarm", "lithe reset"},
       {CommandKind::set_params, CommandResult::refused_law, in_mode(Mode::active), "lithe param get", "swap"},
+      {CommandKind::arm, CommandResult::refused_marked, in_mode(Mode::disarmed), "lithe activate", "lithe reset"},
   };
   for (const Case& each : cases) {
     const Refusal refusal = refusal_of(each.kind, each.result, each.now);

@@ -96,7 +96,7 @@ def come_back(rig: RobotRig) -> None:
     verb(rig, "disarm")
     assert verb(rig, "swap", source=(ROOT / "laws/pd.cpp").read_text(), name="pd.cpp", probation_s=0)["ok"]
     for _ in range(3):  # the way may need more than one verb: a joint that recover has put inside may fall out again
-        if verb(rig, "arm")["ok"]:
+        if verb(rig, "arm", all_the_same=True)["ok"]:
             time.sleep(0.3)
             if rig.ask("status")["mode"] == "active":
                 return

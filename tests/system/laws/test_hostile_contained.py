@@ -155,7 +155,7 @@ class Robot:
     def _repair(self, status: dict[str, Any]) -> None:
         if status["mode"] != "active":
             self.robot.reset()
-            self.robot.arm()
+            self.robot.arm(all_the_same=True)
         if self.robot.status()["law"] != "pd":
             with contextlib.suppress(Refused):  # its probation was faster
                 self.robot.rollback()

@@ -262,6 +262,14 @@ def test_without_a_law_before_it_a_crash_ends_in_the_safe_law(rig: RobotRig) -> 
     rig.wait_for(lambda: certificates(rig)[0]["verdict"] == "rolled_back")
     assert "safe law" in certificates(rig)[0]["rolled_back"]["why"]
     assert rig.ask("status")["mode"] == "safe_stop"
+    stop = rig.ask("status")["stopped_by"]
+    assert "moody stopped the robot" in stop["next"] and "lithe arm --all-the-same" in stop["next"], stop
+    rig.ask("reset")
+    error = rig.ask("arm", code=1)["error"]
+    assert error["code"] == "refused_marked" and "law moody" in error["message"], error
+    assert "lithe swap hold" in error["next"], "no law was there before it"
+    again = rig.ask("arm", "--all-the-same", code=3)["error"]
+    assert again["detail"]["fault"] == "law_faulted", "it was armed; its State has not changed"
 
 
 def test_a_shadow_that_agrees_is_promoted_and_one_that_does_not_is_refused(arm: RobotRig) -> None:
