@@ -23,6 +23,8 @@ Result<Memory> make_memory(const std::string& robot) {
   // Segments of a crashed run are replaced. A process that still maps the old ones sees their heartbeat get old.
   auto spine = ipc::Segment<ipc::SpineMemory>::create(robot);
   if (!spine) return spine.error();
+  Result<ipc::LeaseWatch> supervisor = ipc::LeaseWatch::open(ipc::Segment<ipc::ControlMemory>::path(robot));
+  if (!supervisor) return supervisor.error();
   auto control = ipc::Segment<ipc::ControlMemory>::create(robot);
   if (!control) return control.error();
   auto brain = ipc::Segment<ipc::BrainMemory>::create(robot);
@@ -34,7 +36,8 @@ Result<Memory> make_memory(const std::string& robot) {
   // send a command.
   for (const Mapping* theirs : {&control->mapping(), &brain->mapping()})
     if (const Result<> kept = ipc::make_read_only(*theirs); !kept) return kept.error();
-  return Memory{std::move(**lease), std::move(*spine), std::move(*control), std::move(*brain), std::move(*frames)};
+  return Memory{std::move(**lease),  std::move(*supervisor), std::move(*spine),
+                std::move(*control), std::move(*brain),      std::move(*frames)};
 }
 
 void remove_memory(const std::string& robot) {

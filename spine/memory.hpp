@@ -10,9 +10,10 @@
 
 namespace lithe {
 
-// The segments of a running robot, and its Spine lease.
+// The segments of a running robot, its Spine lease, and a look at its supervisor's.
 struct Memory {
   ipc::Lease lease;
+  ipc::LeaseWatch supervisor;
   ipc::Segment<ipc::SpineMemory> spine;
   ipc::Segment<ipc::ControlMemory> control;
   ipc::Segment<ipc::BrainMemory> brain;

@@ -159,7 +159,8 @@ class Threads {
                                 handover_,
                                 clock_,
                                 cpus_.transport_inline ? &actuators_ : nullptr,
-                                &constants_};
+                                &constants_,
+                                &supervised_};
       loop::Spine* spine = containment_.protected_memory->create<loop::Spine>(wiring);
       all_off_sent_ = spine->run(stop_tick_);
       std::destroy_at(spine);
@@ -177,11 +178,12 @@ class Threads {
 
   // False: not every drive got the "off" command.
   bool stop() {
-    stop_tick_ = true;
+    stop_tick_.store(true, std::memory_order_relaxed);  // only the flag is passed
     ticking_.join();
-    stop_transport_ = true;
+    // release, with the acquire in run_transport(): the tick's last command is seen before it.
+    stop_transport_.store(true, std::memory_order_release);
     if (transport_.joinable()) transport_.join();
-    stop_helpers_ = true;
+    stop_helpers_.store(true, std::memory_order_relaxed);  // only the flag is passed
     loading_.join();
     watching_.join();
     keeper_.join();
@@ -215,15 +217,16 @@ class Threads {
     });
   }
 
-  // Updates the clock's fit and checks the constant memory.
+  // Updates the clock's fit, looks for a supervisor, and checks the constant memory.
   void keep() {
     const contain::Canary canary(constants_, "the keeper's stack");
     constexpr timespec kEvery{0, loop::ClockKeeper::kEveryNs};
     loop::ClockKeeper clock(clock_);
     const char* told = nullptr;
-    while (!stop_helpers_) {
+    while (!stop_helpers_.load(std::memory_order_relaxed)) {
       nanosleep(&kEvery, nullptr);
       clock.renew();
+      supervised_.store(memory_.supervisor.is_held(), std::memory_order_relaxed);  // partner: Inbox::supervised()
       const char* const damaged = constants_.look();
       if (damaged != told) fmt::print(stderr, "lithe-spine: memory that must not change has changed: {}\n", damaged);
       told = damaged;
@@ -264,6 +267,7 @@ class Threads {
   std::promise<void> go_;
   std::promise<std::string> tick_lacks_, loader_lacks_;  // of the containment; "" = nothing
   std::atomic<bool> stop_tick_{false}, stop_transport_{false}, stop_helpers_{false};
+  std::atomic<bool> supervised_{memory_.supervisor.is_held()};
   bool all_off_sent_ = false;  // result of the tick thread's shutdown
   std::thread keeper_, watching_, loading_, transport_, ticking_;
 };

@@ -19,7 +19,7 @@ NLAW = 8
 NS = 16
 NF = 32
 NSTATE = 4096
-LAYOUT_HASH = 0x1F019B625E86B154
+LAYOUT_HASH = 0xE600B51796F62F03
 
 
 class Mode(IntEnum):
@@ -77,6 +77,7 @@ class PlanReject(IntEnum):
     too_old = 6
     position_limit = 7
     velocity_limit = 8
+    mode = 9
 
 
 class CommandKind(IntEnum):
@@ -335,6 +336,19 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("position_rad", "<f8", (16, 32), 152),
         ("velocity_rad_s", "<f8", (16, 32), 4248),
     ],
+    "PlanDecision": [
+        ("plan_id", "<u8", (), 0),
+        ("t_ns", "<i8", (), 8),
+        ("reject", "<u4", (), 16),
+        ("joint", "<u4", (), 20),
+        ("waypoint", "<u4", (), 24),
+        ("pad0", "u1", (4,), 28),
+        ("value", "<f8", (), 32),
+        ("limit", "<f8", (), 40),
+        ("way_rad", "<f8", (), 48),
+        ("needs_s", "<f8", (), 56),
+        ("text", "S96", (), 64),
+    ],
     "Command": [
         ("kind", "<u4", (), 0),
         ("law_id", "<u4", (), 4),
@@ -471,6 +485,7 @@ SIZES = {
     "Telemetry": 3872,
     "Event": 136,
     "Plan": 8344,
+    "PlanDecision": 160,
     "Command": 408,
     "StageRequest": 784,
     "LawFault": 64,
@@ -516,6 +531,7 @@ SEGMENTS: dict[str, dict[str, Item]] = {
         "brain_ack": Item("ack", "Command", 16, 1, 16303488, 256),
         "stage_ack": Item("ack", "StageRequest", 4, 1, 16303744, 256),
         "health": Item("plain", "Health", 0, 1, 16304000, 128),
+        "plan_decisions": Item("ring", "PlanDecision", 4096, 1, 16304128, 786560),
     },
     "control": {
         "commands": Item("mailbox", "Command", 16, 1, 128, 7296),
@@ -529,7 +545,7 @@ SEGMENTS: dict[str, dict[str, Item]] = {
     },
 }
 SEGMENT_BYTES = {
-    "spine": 16304128,
+    "spine": 17090688,
     "control": 11008,
     "brain": 41472,
 }
@@ -601,6 +617,17 @@ CANONICAL_SCHEMA = (
     "Plan.t_ns:int64[16]:24:128:ns\n"
     "Plan.position_rad:float64[512]:152:4096:rad\n"
     "Plan.velocity_rad_s:float64[512]:4248:4096:rad/s\n"
+    "PlanDecision.plan_id:uint64[1]:0:8:-\n"
+    "PlanDecision.t_ns:int64[1]:8:8:ns\n"
+    "PlanDecision.reject:uint32[1]:16:4:-\n"
+    "PlanDecision.joint:uint32[1]:20:4:-\n"
+    "PlanDecision.waypoint:uint32[1]:24:4:-\n"
+    "PlanDecision.pad0:uint8[4]:28:4:-\n"
+    "PlanDecision.value:float64[1]:32:8:1\n"
+    "PlanDecision.limit:float64[1]:40:8:1\n"
+    "PlanDecision.way_rad:float64[1]:48:8:rad\n"
+    "PlanDecision.needs_s:float64[1]:56:8:s\n"
+    "PlanDecision.text:char[96]:64:96:-\n"
     "Command.kind:uint32[1]:0:4:-\n"
     "Command.law_id:uint32[1]:4:4:-\n"
     "Command.count:uint32[1]:8:4:-\n"
@@ -730,6 +757,7 @@ CANONICAL_SCHEMA = (
     "spine/brain_ack:ack:Command:16x1:16303488\n"
     "spine/stage_ack:ack:StageRequest:4x1:16303744\n"
     "spine/health:plain:Health:0x1:16304000\n"
+    "spine/plan_decisions:ring:PlanDecision:4096x1:16304128\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:10880\n"

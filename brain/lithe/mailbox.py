@@ -25,8 +25,8 @@ from .shm import SAFELY, BrainWriter, SpineView, dtype, shm_path
 
 ANSWER_S = 2.0  # as long as a supervisor waits
 BRAKING_S = 4.0  # likewise, for a joint to come to rest before the drives are off
-# What a moment may mend: drives that were off a moment ago; a supervisor that has just died, whose last sign of life
-# the Spine trusts for 1 s.
+# What a moment may mend: drives that were off a moment ago; a supervisor that has just died, for which the Spine looks
+# every 50 ms, from a thread that a busy machine may hold up.
 AGAIN_S = {
     (CommandKind.arm, CommandResult.refused_not_ready): 0.2,
     (CommandKind.set_params, CommandResult.refused_untried): 1.5,

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from . import mailbox, place
 from ._wire import Mode
 from .control import connect_control, find_robot
+from .decisions import Decisions, clock_ahead_s, other_clock
 from .errors import LitheError, NoSupervisor, NotRunning, Refused
 from .files import read_regular
 from .heartbeat import Heartbeat, period_s
@@ -80,8 +81,11 @@ class Robot:
             self._control.close()
             raise
         self.telemetry = Telemetry(self.spine)
+        self._decisions = Decisions(self.spine)
         self.params = Params(self)
         place.warn_if_late()
+        if writes_plans and (words := other_clock(clock_ahead_s(self.spine))):
+            _log.warning("plans and heartbeats of this Brain have wrong times: %s", words)
 
     def _take_the_brain(self) -> None:
         self._writer = BrainWriter(self.name)
@@ -125,6 +129,7 @@ class Robot:
                 self.spine = old
                 raise
             self.telemetry._attach(spine)
+            self._decisions = Decisions(spine)
 
     def _check(self) -> BrainWriter:
         if self._writer is None:
@@ -149,7 +154,7 @@ class Robot:
         t_ns (n,) in CLOCK_MONOTONIC ns, strictly ascending; position_rad (n, joints), or (n,) for one joint;
         velocity_rad_s likewise, None = the Spine chooses. streaming: more plans will follow, so the last waypoint is
         passed without a stop. Arrays of wrong shapes raise BadPlan. When the Spine refuses a plan (a limit, a time long
-        past), it sends an event `plan_refused` and continues the plan before.
+        past), it continues the plan before; decided() says so.
         """
         position = np.asarray(position_rad, dtype=np.float64)
         velocity = None if velocity_rad_s is None else np.asarray(velocity_rad_s, dtype=np.float64)
@@ -166,30 +171,19 @@ class Robot:
         """What the Spine made of a plan: True when it follows it, or followed it before a newer one took its place.
 
         Refused with the reason when it does not: `refused_mode` (it follows plans in mode active only), `refused_plan`
-        (which joint, which limit). False when neither is known within wait_s: the Spine is late.
+        (`detail`: reason, joint, waypoint, value, limit). False when no tick has decided about it within wait_s: the
+        Spine is late, a newer plan came before it looked, or more than 4096 plans came since.
         """
-        end_s, first, cursor = time.monotonic() + wait_s, -1, 0
-        while time.monotonic() < end_s:
-            record = self.telemetry.latest()
-            if record is not None and int(record["plan_id"]) >= plan_id:
-                return True
-            if record is not None and first < 0:
-                first = int(record["tick"])
-            if record is not None and int(record["tick"]) > first + 2:  # a tick has seen it
-                if (mode := Mode(int(record["mode"]))) != Mode.active:
-                    raise Refused("refused_mode", f"in mode {mode.name} no plan is followed", "arm, then publish again")
-                cursor = self._raise_refusal(plan_id, cursor)
-                time.sleep(0.005)
+        end_s = time.monotonic() + wait_s
+        while (decision := self._decisions.of(plan_id)) is None:
+            if not self.attached:
+                raise NotRunning(f"robot '{self.name}' has ended, or was started again\n  next: robot.reconnect()")
+            if time.monotonic() >= end_s:
+                return False
             time.sleep(0.001)
-        return False
-
-    def _raise_refusal(self, plan_id: int, since: int) -> int:
-        answer = self.call("events", since=since)
-        for event in answer["events"]:
-            if event["kind"] == "plan_refused" and event.get("request_id") == plan_id:
-                why = event.get("text") or event.get("reason")
-                raise Refused("refused_plan", f"the Spine refused the plan: {why}", "keep waypoints inside the limits")
-        return int(answer["cursor"])
+        if (refusal := self._decisions.refusal(decision)) is not None:
+            raise refusal
+        return True
 
     def go_to(self, position_rad: npt.ArrayLike, in_s: float) -> int:
         """Moves to a position (joints,), arriving `in_s` seconds from now and resting there; returns the plan's id."""

@@ -65,21 +65,24 @@ class FakeRobot:
         self.plans: list[tuple[list[int], Any]] = []
         self.came = threading.Event()
         self.gone = False
-        self.refusal: Refused | None = None
+        self.refusal: Refused | None = None  # of the plans that the main thread publishes
         self.later: Refused | None = None  # of the plans that stream a reference
+        self.refused: dict[int, Refused] = {}
 
     def publish(self, times: list[int], angles: Any) -> int:
         if self.gone:
             raise NotRunning("robot 'fake' has ended")
         self.plans.append((times, angles))
         self.came.set()
+        why = self.refusal if threading.current_thread() is threading.main_thread() else self.later
+        if why is not None:
+            self.refused[len(self.plans)] = why
         return len(self.plans)
 
     def decided(self, plan_id: int) -> bool:
-        if self.refusal is not None and threading.current_thread() is threading.main_thread():
-            raise self.refusal
-        if self.later is not None and threading.current_thread() is not threading.main_thread():
-            raise self.later
+        assert 0 < plan_id <= len(self.plans)
+        if plan_id in self.refused:
+            raise self.refused[plan_id]
         return True
 
 

@@ -2,6 +2,8 @@
 """lithe.connect() against a real Spine: telemetry, plans, laws, parameters, verbs."""
 
 import os
+import subprocess
+import sys
 import threading
 import time
 import warnings
@@ -12,6 +14,7 @@ import lithe
 import numpy as np
 import pytest
 from lithe._wire import PlanState
+from lithe.errors import Refused
 from system.robot_rig import ROOT, RobotRig
 
 LAWS = ROOT / "laws"
@@ -21,6 +24,12 @@ def angle_of(robot: lithe.Robot) -> float:
     record = robot.telemetry.latest()
     assert record is not None
     return float(record["position_rad"][0])
+
+
+def setpoint_of(robot: lithe.Robot) -> float:
+    record = robot.telemetry.latest()
+    assert record is not None
+    return float(record["setpoint_position_rad"][0])
 
 
 def follow(robot: lithe.Robot, angle_rad: float, near_rad: float = 0.05) -> None:
@@ -172,6 +181,85 @@ def test_a_bad_plan_is_refused_and_the_old_one_kept(
     assert "plan_refused" in kinds
     record = robot.telemetry.latest()
     assert record is not None and int(record["plan_id"]) == good
+
+
+def test_every_plan_has_an_answer_of_its_own_however_many_are_refused(robot: lithe.Robot) -> None:
+    """Refused ones within a second, among good ones, asked for in any order and after newer plans."""
+    now_ns = time.monotonic_ns
+    bad, good = [], []
+    for _ in range(8):
+        bad.append(robot.publish([now_ns() + 10**9], [[9.0]], streaming=False))
+        with pytest.raises(Refused, match="position_limit at joint shoulder, waypoint 1: 9.000 rad"):
+            robot.decided(bad[-1], wait_s=60)
+        good.append(robot.go_to([0.1], in_s=5))
+        assert robot.decided(good[-1], wait_s=60)
+    for plan in reversed(bad):
+        with pytest.raises(Refused) as refusal:
+            robot.decided(plan)
+        assert refusal.value.code == "refused_plan" and refusal.value.detail["reason"] == "position_limit"
+        assert refusal.value.detail["value"] == 9.0 and refusal.value.detail["limit"] == 3.0
+    assert [robot.decided(plan) for plan in reversed(good)] == [True] * 8
+    assert robot.decided(good[-1] + 1) is False, "nobody published it"
+    for verb, next_step in (("hold", "arm, then"), ("estop", "reset, then arm"), ("reset", "arm, then")):
+        robot.call(verb)
+        with pytest.raises(Refused) as refusal:
+            robot.decided(robot.go_to([0.1], in_s=5), wait_s=60)
+        assert refusal.value.code == "refused_mode" and next_step in refusal.value.next
+    robot.arm()
+
+
+@pytest.mark.parametrize(
+    ("plan", "why", "next_step"),
+    [
+        (([-0.5], [0.1]), "too_old: waypoint 1 is 0.5", "plan ahead"),
+        (([3600.0], [0.1]), "too_far: waypoint 1 is 3", "at most the next 10 s"),
+        (([0.2, 0.1], [0.1, 0.1]), "time_order: waypoint 2 is 0.100 s before", "sort the waypoints"),
+        (([1.0], [float("nan")]), "not_finite at joint shoulder, waypoint 1", "numpy.isfinite"),
+        (([1.0], [[0.1, 0.1]]), "joints: the plan has 2, the robot 1", "robot.spine.joint_names"),
+        (([1.0, 1.01], [0.0, 2.0]), "velocity_limit at joint shoulder, waypoint 2: 200.000", "at least 0.11 s"),
+        (([1.0, 1.01], [-3.0, 3.0]), "velocity_limit at joint shoulder, waypoint 2: 600.000", "numpy.unwrap"),
+        (([0.02], [2.9]), "velocity_limit at joint shoulder, waypoint 1", "at least 0."),
+    ],
+    ids=lambda each: each.split()[0].strip(":") if isinstance(each, str) else "",
+)
+def test_each_reason_to_refuse_a_plan_has_its_own_next_step(
+    robot: lithe.Robot, plan: tuple[list[float], Any], why: str, next_step: str
+) -> None:
+    robot.go_to([0.0], in_s=0.5)
+    RobotRig.wait_for(lambda: abs(setpoint_of(robot)) < 1e-3)
+    times_s, angles = plan
+    with pytest.raises(Refused) as refusal:
+        robot.decided(robot.publish(time.monotonic_ns() + np.array(times_s) * 1e9, angles, streaming=False), wait_s=60)
+    assert why in refusal.value.message and next_step in refusal.value.next, refusal.value
+
+
+@pytest.mark.parametrize("ahead_s", [86400, -60])
+def test_a_brain_with_another_clock_is_told_so(robot: lithe.Robot, rig: RobotRig, ahead_s: int) -> None:
+    """Its own time namespace: plans are refused, never taken for followed, and it and `status` say why."""
+    unshare = ["unshare", "-Ur", "-T", "--monotonic", str(ahead_s), "--fork"]
+    if subprocess.run([*unshare, "true"], capture_output=True, check=False).returncode != 0:
+        pytest.skip("no right to make a time namespace")
+    robot.close()
+    script = """if True:
+        import lithe
+        robot = lithe.connect()
+        try:
+            print("decided", robot.decided(robot.go_to([0.1], in_s=0.5), wait_s=60))
+        except lithe.Refused as refused:
+            print(refused)
+        input()
+    """
+    env = os.environ | {"PYTHONPATH": str(Path(lithe.__file__).parents[1])}
+    command = [*unshare, sys.executable, "-c", script]
+    with subprocess.Popen(command, env=env, stdin=-1, stdout=-1, stderr=-1, text=True) as brain:
+        assert brain.stdout is not None and brain.stderr is not None
+        said = brain.stdout.readline() + brain.stdout.readline()
+        status = rig.lithe("status").stdout
+        warned = brain.communicate("\n", timeout=60)[1]
+    assert ("too_old" if ahead_s < 0 else "too_far") in said and "decided" not in said, said
+    assert f"{abs(ahead_s)}.0 s {'ahead of' if ahead_s > 0 else 'behind'} the Spine's" in said, said
+    assert "time namespace" in warned, warned
+    assert "never seen" not in status and ("time namespace" in status) == (ahead_s > 0), status
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ struct alignas(kLine) HealthMemory : wire::Health {};
 
 using TelemetryRing = RingMemory<wire::Telemetry, wire::spine_segment::kTelemetryDepth>;
 using EventRing = RingMemory<wire::Event, wire::spine_segment::kEventsTickDepth>;
+using PlanDecisionRing = RingMemory<wire::PlanDecision, wire::spine_segment::kPlanDecisionsDepth>;
 using CommandMailbox = MailboxMemory<wire::Command, wire::control_segment::kCommandsDepth>;
 using CommandAck = AckMemory<wire::control_segment::kCommandsDepth>;
 using StageMailbox = MailboxMemory<wire::StageRequest, wire::control_segment::kStageDepth>;
@@ -46,6 +47,7 @@ struct SpineMemory {
   CommandAck brain_ack;
   StageAck stage_ack;
   HealthMemory health;
+  PlanDecisionRing plan_decisions;
 };
 
 struct ControlMemory {

@@ -96,20 +96,26 @@ Result<> check(const std::string& path, const unsigned char* data, std::size_t s
                "build both sides from the same schema/wire.toml, then start the robot again"};
 }
 
-}  // namespace
-
-Result<std::optional<Lease>> Lease::try_take(const std::string& segment_path) {
+Result<Fd> open_lock(const std::string& segment_path) {
   const std::string path = segment_path + ".lock";
   // Without O_CREAT first: with it, the kernel refuses the file of another member of the group (fs.protected_regular).
   Fd lock(open(path.c_str(), O_RDWR | kSafely));
   if (!lock && errno == ENOENT) lock.reset(open(path.c_str(), O_RDWR | O_CREAT | kSafely, 0660));
   if (!lock) return system_error(path, "cannot open the lock file", "check the rights of /dev/shm");
   share_with_group(lock.get());
-  for (int tries = 1; flock(lock.get(), LOCK_EX | LOCK_NB) != 0; ++tries) {
+  return lock;
+}
+
+}  // namespace
+
+Result<std::optional<Lease>> Lease::try_take(const std::string& segment_path) {
+  Result<Fd> lock = open_lock(segment_path);
+  if (!lock) return lock.error();
+  for (int tries = 1; flock(lock->get(), LOCK_EX | LOCK_NB) != 0; ++tries) {
     if (tries == kMostTries) return std::optional<Lease>();
     usleep(kTryAgainUs);
   }
-  return std::optional<Lease>(Lease(std::move(lock)));
+  return std::optional<Lease>(Lease(std::move(*lock)));
 }
 
 bool Lease::is_held(const std::string& segment_path) {
@@ -117,6 +123,18 @@ bool Lease::is_held(const std::string& segment_path) {
   const Fd lock(open(path.c_str(), O_RDONLY | kSafely));  // the trial's filter lets nothing be opened to write
   if (!lock) return errno == EACCES && may_be_locked(path);
   return flock(lock.get(), LOCK_SH | LOCK_NB) != 0;  // shared: two checks at the same time do not see each other
+}
+
+Result<LeaseWatch> LeaseWatch::open(const std::string& segment_path) {
+  Result<Fd> lock = open_lock(segment_path);
+  if (!lock) return lock.error();
+  return LeaseWatch(std::move(*lock));
+}
+
+bool LeaseWatch::is_held() const {
+  if (flock(lock_.get(), LOCK_SH | LOCK_NB) != 0) return true;
+  flock(lock_.get(), LOCK_UN);
+  return false;
 }
 
 Result<> make_read_only(const Mapping& mapping) {

@@ -36,6 +36,19 @@ class Lease {
   Fd lock_;
 };
 
+// A look at another process's lease, as often as one likes: its lock file stays open.
+// Contract: movable · one thread · never in the tick
+class LeaseWatch {
+ public:
+  // An error if the lock file cannot be opened or made.
+  static Result<LeaseWatch> open(const std::string& segment_path);
+  bool is_held() const;
+
+ private:
+  explicit LeaseWatch(Fd lock) : lock_(std::move(lock)) {}
+  Fd lock_;
+};
+
 enum class Access { read, write };
 
 // A fresh object of `bytes` zeros and a filled header, built under a temporary name and renamed, so that no process

@@ -6,7 +6,6 @@
 #include <atomic>
 #include <bit>
 #include <cstdint>
-#include <optional>
 
 #include "spine/core/rt.hpp"
 #include "spine/law/resident.hpp"
@@ -100,12 +99,6 @@ class Slot {
 
   // Refuses a candidate that was taken: the Loader gets it back.
   void refuse(Resident& candidate) LITHE_RT { retire(&candidate); }
-
-  std::optional<Commit> try_commit() LITHE_RT {
-    Resident* candidate = take();
-    if (candidate == nullptr) return std::nullopt;
-    return commit(*candidate);
-  }
 
   // Back by `n` laws; those passed over are retired. `named`: fields that both laws have are taken from the leaving
   // law, the rest is as it was when the law was replaced. `none`: the leaving law is not trusted (NaN output, crash),

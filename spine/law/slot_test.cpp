@@ -11,6 +11,8 @@
 #include <thread>
 #include <vector>
 
+#include "spine/law/test/slot_rig.hpp"
+
 namespace lithe::law {
 namespace {
 
@@ -57,7 +59,7 @@ State state_of(const Resident& resident) {
 TEST(Slot, EmptySlotHasNothingToCommitAndNowhereToGoBack) {
   Slot slot;
   EXPECT_EQ(slot.active(), nullptr);
-  EXPECT_FALSE(slot.try_commit().has_value());
+  EXPECT_FALSE(commit_next(slot).has_value());
   EXPECT_FALSE(slot.rollback());
 }
 
@@ -66,14 +68,14 @@ TEST(Slot, CommitCarriesState) {
   Resident a = make(kCounting, 0, 1), b = make(kCounting, 1, 2), c = make(kCounting, 2, 3);
   ASSERT_TRUE(slot.offer(&a));
   EXPECT_FALSE(slot.offer(&b)) << "one candidate at a time";
-  EXPECT_EQ(slot.try_commit()->previous_id, 0u);
+  EXPECT_EQ(commit_next(slot)->previous_id, 0u);
   step(slot);
   plan_migrations(b, a);
   ASSERT_TRUE(slot.offer(&b));
-  EXPECT_EQ(slot.try_commit()->fields_carried, 1u);
+  EXPECT_EQ(commit_next(slot)->fields_carried, 1u);
   EXPECT_EQ(state_of<Counting::State>(b).words[63], 1u);
   ASSERT_TRUE(slot.offer(&c));
-  EXPECT_EQ(slot.try_commit()->fields_carried, 0u) << "no planned copies: the law starts from its defaults";
+  EXPECT_EQ(commit_next(slot)->fields_carried, 0u) << "no planned copies: the law starts from its defaults";
   EXPECT_EQ(slot.active_id(), 3u);
 }
 
@@ -98,11 +100,11 @@ TEST(Slot, AFieldThatIsNoNumberIsNotCarriedAndIsNamed) {
     Slot slot;
     Resident a = make(kFilter, 0, 1), b = make(kFilter, 1, 2);
     slot.offer(&a);
-    slot.try_commit();
+    commit_next(slot);
     poison(a, bad);
     plan_migrations(b, a);
     slot.offer(&b);
-    const auto done = slot.try_commit();
+    const auto done = commit_next(slot);
     EXPECT_EQ(done->not_carried & 1u, 1u);
     EXPECT_EQ(done->fields_carried, 1u);
     EXPECT_EQ(state_of<Filter::State>(b).integral_nm, 0.5) << "its default";
@@ -116,11 +118,11 @@ TEST(Slot, ALawThatComesBackStartsAPoisonedFieldFromItsDefault) {
     Slot slot;
     Resident a = make(kFilter, 0, 1), b = make(kFilter, 1, 2);
     slot.offer(&a);
-    slot.try_commit();
+    commit_next(slot);
     poison(a, std::nan(""));  // not visible in its output
     plan_migrations(b, a);
     slot.offer(&b);
-    slot.try_commit();
+    commit_next(slot);
     poison(b, std::nan(""));
     FieldBits mended = 0;
     ASSERT_TRUE(slot.rollback(carry, 1, &mended));
@@ -138,7 +140,7 @@ TEST(Slot, TheLastLawsStayAndTheOldestIsRetired) {
     laws[i] = make(kCounting, i, i + 1);
     EXPECT_EQ(slot.collect_retired(), nullptr) << "law " << i;
     ASSERT_TRUE(slot.offer(&laws[i]));
-    slot.try_commit();
+    commit_next(slot);
   }
   EXPECT_EQ(slot.collect_retired(), laws.data());
   EXPECT_EQ(slot.collect_retired(), nullptr);
@@ -156,7 +158,7 @@ TEST(Slot, RollbackByThreePassesOverTwoAndRetiresThem) {
     laws[i] = make(kCounting, i, i + 1);
     for (std::uint32_t k = 0; k < i; ++k) plan_migrations(laws[i], laws[k]);
     ASSERT_TRUE(slot.offer(&laws[i]));
-    slot.try_commit();
+    commit_next(slot);
     step(slot);
   }
   EXPECT_FALSE(slot.rollback(Carry::named, 4));
@@ -188,10 +190,10 @@ TEST(Slot, RollbackCarriesNamedStateBackOnlyFromATrustedLaw) {
     Resident a = make(kCounting, 0, 1), b = make(kCounting, 1, 2);
     plan_migrations(b, a);
     slot.offer(&a);
-    slot.try_commit();
+    commit_next(slot);
     step(slot);
     slot.offer(&b);
-    slot.try_commit();
+    commit_next(slot);
     step(slot);
     ASSERT_TRUE(slot.rollback(carry));
     EXPECT_EQ(slot.active(), &a);
@@ -205,15 +207,15 @@ TEST(Slot, CandidateStagedBeforeARollbackStillFindsItsMigration) {
   Slot slot;
   Resident a = make(kCounting, 0, 1), b = make(kStateless, 1, 2), c = make(kCounting, 2, 3);
   slot.offer(&a);
-  slot.try_commit();
+  commit_next(slot);
   step(slot);
   slot.offer(&b);
-  slot.try_commit();
+  commit_next(slot);
   plan_migrations(c, b);
   plan_migrations(c, a);
   slot.offer(&c);
   ASSERT_TRUE(slot.rollback());
-  EXPECT_EQ(slot.try_commit()->previous_id, 1u);
+  EXPECT_EQ(commit_next(slot)->previous_id, 1u);
   EXPECT_EQ(state_of<Counting::State>(c).words[7], 1u);
 }
 
@@ -280,7 +282,7 @@ void run_tick(AnySlot& slot, const std::atomic<bool>& stop, Tally& tally) {
     }
     // acquire: partner of the Loader's release below; the last check of the slot is after its last offer.
     const bool last = stop.load(std::memory_order_acquire);
-    if (slot.try_commit()) {
+    if (commit_next(slot)) {
       ++tally.committed;
       if (slot.active()->params[0].value != slot.active()->law_id) ++tally.broken;
     }
@@ -318,6 +320,7 @@ class TwinOfSlot {
  public:
   Resident* active() LITHE_RT { return slot_.active(); }
   bool rollback(Carry carry, std::uint32_t n) LITHE_RT { return slot_.rollback(carry, n); }
+  Commit commit(Resident& candidate) LITHE_RT { return slot_.commit(candidate); }
   Resident* collect_retired() LITHE_RT { return slot_.collect_retired(); }
 
  protected:
@@ -332,13 +335,12 @@ class LoadThenStoreSlot : public TwinOfSlot {
     return twin_.compare_exchange_strong(none, r, std::memory_order_release, std::memory_order_relaxed);
   }
   Resident* withdraw() LITHE_RT { return twin_.exchange(nullptr, std::memory_order_acquire); }
-  std::optional<Commit> try_commit() {
+  Resident* take() {
     Resident* candidate = twin_.load(std::memory_order_acquire);
-    if (candidate == nullptr) return std::nullopt;
+    if (candidate == nullptr) return nullptr;
     std::this_thread::sleep_for(std::chrono::microseconds(300));  // longer than the Loader's pause: also on one core
     twin_.store(nullptr, std::memory_order_relaxed);
-    slot_.offer(candidate);
-    return slot_.try_commit();
+    return candidate;
   }
 
  private:
@@ -357,7 +359,7 @@ class EarlyPublishSlot : public TwinOfSlot {
     return offered;
   }
   Resident* withdraw() LITHE_RT { return slot_.withdraw(); }
-  std::optional<Commit> try_commit() LITHE_RT { return slot_.try_commit(); }
+  Resident* take() LITHE_RT { return slot_.take(); }
 };
 
 // In a process of its own: a law with two owners may also crash, and then it is caught, too.

@@ -10,6 +10,7 @@
 #include <memory>
 #include <string>
 
+#include "spine/law/test/slot_rig.hpp"
 #include "spine/load/loader.hpp"
 
 namespace lithe::load {
@@ -76,7 +77,7 @@ class ArenaStoreTest : public testing::Test {
   }
   StageResult stage(const wire::StageRequest& request) { return loader_->stage(request, 1); }
   void commit() {
-    ASSERT_TRUE(slot_.try_commit().has_value());
+    ASSERT_TRUE(law::commit_next(slot_).has_value());
     while (loader_->poll(1)) {
     }
   }
@@ -89,7 +90,7 @@ class ArenaStoreTest : public testing::Test {
   void expect_refused(const wire::StageRequest& request, StageResult result, const std::string& words) {
     EXPECT_EQ(stage(request), result) << words;
     EXPECT_NE(told().find(words), std::string::npos) << told();
-    EXPECT_FALSE(slot_.try_commit().has_value());
+    EXPECT_FALSE(law::commit_next(slot_).has_value());
   }
 
   int fd_ = -1;

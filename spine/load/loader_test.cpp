@@ -13,6 +13,7 @@
 #include <thread>
 #include <vector>
 
+#include "spine/law/test/slot_rig.hpp"
 #include "spine/load/law_store.hpp"
 
 namespace lithe::load {
@@ -62,7 +63,7 @@ class LoaderTest : public ::testing::Test {
     return dir_ + "/" + name;
   }
   void commit() {
-    ASSERT_TRUE(slot_.try_commit().has_value());
+    ASSERT_TRUE(law::commit_next(slot_).has_value());
     while (loader_.poll(now_ns_)) {
     }
   }
@@ -205,7 +206,7 @@ TEST_F(LoaderTest, LawThatNoTickCommitsIsTakenBack) {
   event();
   loader_.poll(now_ns_ + kCommitTimeoutNs);
   EXPECT_NE(refusal().find("no tick committed"), std::string::npos);
-  EXPECT_FALSE(slot_.try_commit().has_value());
+  EXPECT_FALSE(law::commit_next(slot_).has_value());
   EXPECT_EQ(stage(OBJECT_counter), StageResult::staged) << "its index is free again";
 }
 
@@ -265,7 +266,7 @@ TEST_F(LoaderTest, RefusedRequestChangesNothingForTheRunningLaw) {
   tick();
   stage(OBJECT_wrong_abi);
   stage(dir_ + "/missing.so");
-  EXPECT_FALSE(slot_.try_commit().has_value());
+  EXPECT_FALSE(law::commit_next(slot_).has_value());
   tick();
   EXPECT_EQ(probes_[0], 2);
 }
@@ -277,7 +278,7 @@ TEST_F(LoaderTest, LoaderThreadServesATickThatNeverStops) {
   for (std::uint64_t k = 0; commits < 20 && k < 100'000; ++k) {
     if (sent == commits && send(OBJECT_counter) != 0) ++sent;
     if (slot_.active() != nullptr) tick();
-    if (slot_.try_commit()) ++commits;
+    if (law::commit_next(slot_)) ++commits;
     std::this_thread::sleep_for(std::chrono::microseconds(100));
   }
   stop.store(true);

@@ -14,9 +14,11 @@ std::int64_t age_ns(const wire::SegmentHeader& header, std::int64_t now_ns) LITH
 
 }  // namespace
 
-Inbox::Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const ipc::BrainMemory& brain)
+Inbox::Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const ipc::BrainMemory& brain,
+             const std::atomic<bool>* supervised)
     : control_memory_(&control),
       brain_memory_(&brain),
+      supervised_(supervised),
       control_(control.commands, spine.control_ack),
       brain_(brain.commands, spine.brain_ack),
       plan_reader_(brain.plan),
@@ -55,11 +57,11 @@ bool Inbox::estop_pressed() const LITHE_RT {
          ipc::load_word(brain_memory_->estop.value, std::memory_order_acquire) != 0;
 }
 
-std::int64_t Inbox::brain_age_ns(std::int64_t now_ns) const LITHE_RT { return age_ns(brain_memory_->header, now_ns); }
-
-bool Inbox::supervised(std::int64_t now_ns) const LITHE_RT {
-  const std::int64_t silent_ns = age_ns(control_memory_->header, now_ns);
-  return silent_ns >= 0 && silent_ns <= kSupervisorNs;
+bool Inbox::supervised() const LITHE_RT {
+  // relaxed, with the store of the thread that looks: nothing else is read after it
+  return supervised_ != nullptr && supervised_->load(std::memory_order_relaxed);
 }
+
+std::int64_t Inbox::brain_age_ns(std::int64_t now_ns) const LITHE_RT { return age_ns(brain_memory_->header, now_ns); }
 
 }  // namespace lithe::loop

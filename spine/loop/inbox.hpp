@@ -2,6 +2,7 @@
 // The tick's inputs from other processes: commands, the e-stop, plans, the Brain's heartbeat.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 
 #include "spine/core/rt.hpp"
@@ -14,7 +15,9 @@ namespace lithe::loop {
 // Contract: RT · owned by the tick thread · every call bounded
 class Inbox {
  public:
-  Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const ipc::BrainMemory& brain);
+  // `supervised`: whether a supervisor lives, as another thread saw it last; null = none does.
+  Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const ipc::BrainMemory& brain,
+        const std::atomic<bool>* supervised);
   Inbox(const Inbox&) = delete;
   Inbox& operator=(const Inbox&) = delete;
 
@@ -32,21 +35,19 @@ class Inbox {
   // True if the last new_plan() gave up: a plan is there, but four reads were all torn.
   bool plan_torn() const LITHE_RT { return plan_torn_; }
 
+  bool supervised() const LITHE_RT;
+
   // Age of the Brain's last heartbeat [ns]; -1 before the first. A heartbeat with a time in the future is ignored.
   std::int64_t brain_age_ns(std::int64_t now_ns) const LITHE_RT;
 
-  // True while a supervisor lives: it sends a heartbeat every 20 ms. Without one for kSupervisorNs it counts as gone.
-  bool supervised(std::int64_t now_ns) const LITHE_RT;
-
  private:
-  static constexpr std::int64_t kSupervisorNs = 1'000'000'000;
-
   // Counts of invalid input, published in shared memory.
   void tell() LITHE_RT;
 
   using Receiver = ipc::MailboxReceiver<wire::Command, wire::control_segment::kCommandsDepth>;
   const ipc::ControlMemory* control_memory_;
   const ipc::BrainMemory* brain_memory_;
+  const std::atomic<bool>* supervised_;
   Receiver control_;
   Receiver brain_;
   ipc::ChannelReader<wire::Plan> plan_reader_;

@@ -116,7 +116,6 @@ class MailboxParamsTest : public testing::Test, protected TickBench {
     tick();
     return static_cast<CommandResult>(brain_.poll(*ticket));
   }
-  void supervisor_lives_since(std::int64_t ns) { control_memory_->header.heartbeat_ns = now_ns_ - ns; }
 
   ipc::MailboxSender<wire::Command, 16> brain_{brain_memory_->commands, memory_->brain_ack};
 };
@@ -124,8 +123,9 @@ class MailboxParamsTest : public testing::Test, protected TickBench {
 TEST_F(MailboxParamsTest, AreRefusedWhileASupervisorCouldTryThemAndTheReasonIsTold) {
   arm_with(kPd);
   ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events(memory_->events_tick);
-  for (const std::int64_t silent_ns : {-50 * kNsPerMs, std::int64_t{0}, 20 * kNsPerMs, 900 * kNsPerMs}) {
-    supervisor_lives_since(silent_ns);
+  supervised_ = true;
+  for (const std::int64_t silent_ns : {std::int64_t{0}, 900 * kNsPerMs, 60 * kNsPerS}) {
+    control_memory_->header.heartbeat_ns = now_ns_ - silent_ns;
     EXPECT_EQ(brain_sends(gain_of(8)), CommandResult::refused_untried) << silent_ns;
   }
   EXPECT_EQ(slot_.active()->params[0].value, 4.0);
@@ -141,16 +141,17 @@ TEST_F(MailboxParamsTest, AreRefusedWhileASupervisorCouldTryThemAndTheReasonIsTo
 TEST_F(MailboxParamsTest, AreTakenWhenNobodyLivesToTryThem) {
   arm_with(kPd);
   EXPECT_EQ(brain_sends(gain_of(8)), CommandResult::done) << "no supervisor yet";
-  supervisor_lives_since(1001 * kNsPerMs);
-  EXPECT_EQ(brain_sends(gain_of(7)), CommandResult::done) << "it is gone";
-  supervisor_lives_since(-kNsPerS);
-  EXPECT_EQ(brain_sends(gain_of(6)), CommandResult::done) << "a sign from the future is none";
-  EXPECT_EQ(slot_.active()->params[0].value, 6.0);
+  supervised_ = true;
+  EXPECT_EQ(brain_sends(gain_of(6)), CommandResult::refused_untried);
+  supervised_ = false;
+  control_memory_->header.heartbeat_ns = now_ns_;
+  EXPECT_EQ(brain_sends(gain_of(7)), CommandResult::done) << "it has just died";
+  EXPECT_EQ(slot_.active()->params[0].value, 7.0);
 }
 
 TEST_F(MailboxParamsTest, AreTheOnlyThingThatASupervisorKeepsFromTheMailbox) {
   arm_with(kPd);
-  supervisor_lives_since(0);
+  supervised_ = true;
   wire::Command command;
   for (const CommandKind kind : {CommandKind::revert_params, CommandKind::hold, CommandKind::disarm}) {
     command.kind = static_cast<std::uint32_t>(kind);

@@ -15,6 +15,7 @@ Publisher::Publisher(ipc::SpineMemory& memory, std::uint32_t joints)
       events_(memory.events_tick),
       params_(memory.params),
       law_faults_(memory.law_faults),
+      plan_decisions_(memory.plan_decisions),
       shadow_(memory.shadow),
       law_state_(memory.law_state),
       release_jitter_(memory.release_jitter),
@@ -58,6 +59,7 @@ void Publisher::event(wire::EventKind kind, std::int64_t now_ns, std::uint32_t c
 void Publisher::tell(const step::Report& report, const step::Laws& laws) LITHE_RT {
   for (const wire::Event& event : report.events()) events_.push(event);
   for (const wire::LawFault& fault : report.law_faults()) law_faults_.push(fault);
+  if (report.plan_decided) plan_decisions_.push(report.plan_decision);
   if (report.params_changed && laws.active() != nullptr) params(*laws.active());
   if (report.shadow_changed) shadow_.write(laws.shadow());
 }

@@ -44,7 +44,7 @@ class Publisher {
   // Publishes an event of the loop itself.
   void event(wire::EventKind kind, std::int64_t now_ns, std::uint32_t code, double value, std::string_view text)
       LITHE_RT;
-  // All events of a step.
+  // All events of a step, and its answer to a plan.
   void tell(const step::Report& report, const step::Laws& laws) LITHE_RT;
   // Its State, bounded by kMaxStateBytes; only the words in use are written.
   void state(const law::Resident& law) LITHE_RT;
@@ -60,6 +60,7 @@ class Publisher {
   ipc::RingWriter<wire::Event, wire::spine_segment::kEventsTickDepth> events_;
   ipc::ChannelWriter<wire::Params> params_;
   ipc::RingWriter<wire::LawFault, wire::spine_segment::kLawFaultsDepth> law_faults_;
+  ipc::RingWriter<wire::PlanDecision, wire::spine_segment::kPlanDecisionsDepth> plan_decisions_;
   ipc::ChannelWriter<wire::ShadowReport> shadow_;
   ipc::ChannelWriter<wire::LawState> law_state_;
   Histogram release_jitter_, handoff_, law_, guard_, tick_, bus_;

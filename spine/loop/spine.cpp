@@ -21,7 +21,7 @@ Spine::Spine(const Wiring& wiring)
       inline_actuators_(wiring.inline_actuators),
       clock_(wiring.clock),
       grid_(std::llround(1e9 / wiring.robot.rate_hz), wiring.robot.spine.phase_ns),
-      inbox_(wiring.spine, wiring.control, wiring.brain),
+      inbox_(wiring.spine, wiring.control, wiring.brain, wiring.supervised),
       out_(wiring.spine, static_cast<std::uint32_t>(wiring.robot.joints.size())),
       host_(clock_, wiring.barrier),
       step_(wiring.robot, wiring.slot, wiring.sandbox),

@@ -37,6 +37,8 @@ struct Wiring {
   const ClockMemory& clock;
   hal::Actuators* inline_actuators;               // set when the tick thread serves the buses itself, else null
   const contain::Constants* constants = nullptr;  // memory that must not change; null = not checked
+  // Whether a supervisor holds the lease of `control`, as another thread saw it last; null = none does.
+  const std::atomic<bool>* supervised = nullptr;
 };
 
 // Contract: constructed off the tick · run() and tick() on the tick thread only

@@ -53,7 +53,7 @@ const step::Report& Spine::decide(step::Input in) LITHE_RT {
   in.estop_pressed = inbox_.estop_pressed();
   in.damaged = constants_ == nullptr ? nullptr : constants_->damaged();
   in.command = inbox_.next_command();
-  in.untried = in.command != nullptr && inbox_.is_from_brain() && inbox_.supervised(in.now_ns);
+  in.untried = in.command != nullptr && inbox_.is_from_brain() && inbox_.supervised();
   in.brain_age_ns = inbox_.brain_age_ns(in.now_ns);
   if (inbox_.new_plan()) in.plan = &inbox_.plan();
   in.plan_torn = inbox_.plan_torn();

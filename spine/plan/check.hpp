@@ -28,10 +28,32 @@ struct Limits {
 // Contract: RT · any bytes of a plan are safe
 void rest_joint(wire::Plan& plan, std::size_t joint, double position_rad) LITHE_RT;
 
+// What is decided about a plan: the reason to refuse it, or none, with the value and the limit. It is about no joint
+// and the first waypoint until these are set.
+// Contract: RT · a value; plan_id, t_ns and text are left to the caller
+inline wire::PlanDecision decision(wire::PlanReject reason, double value = 0, double limit = 0) LITHE_RT {
+  wire::PlanDecision out;
+  out.reject = static_cast<std::uint32_t>(reason);
+  out.joint = wire::kNj;
+  out.value = value;
+  out.limit = limit;
+  return out;
+}
+inline wire::PlanReject reason_of(const wire::PlanDecision& decision) LITHE_RT {
+  return static_cast<wire::PlanReject>(decision.reject);
+}
+
+inline constexpr double kRestToRest = 1.5;  // highest speed of a cubic from rest to rest, by its mean
+
+// Refused when no motion below `most_rad_s` covers this way of a joint in this time. needs_s is then the time of a
+// cubic from rest to rest that does.
+// Contract: RT · pure · lasts_ns > 0
+wire::PlanDecision check_way(double way_rad, std::int64_t lasts_ns, double most_rad_s) LITHE_RT;
+
 // The first reason not to follow `plan`, or none. Waypoints in the past are fine as long as one is in the future. A
 // waypoint outside the position limits, a given velocity above the limit, or two waypoints that no motion within the
 // velocity limit connects are refused, not corrected: otherwise the Brain would assume a motion that does not happen.
 // Contract: RT · pure · looks only at the waypoints and joints in use
-wire::PlanReject check(const wire::Plan& plan, const Limits& limits, std::int64_t now_ns) LITHE_RT;
+wire::PlanDecision check(const wire::Plan& plan, const Limits& limits, std::int64_t now_ns) LITHE_RT;
 
 }  // namespace lithe::plan

@@ -30,8 +30,9 @@ void Interpolator::configure(const robot::RobotConfig& robot) {
   }
 }
 
-PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT {
-  if (const PlanReject reject = check(plan, limits_, now_ns); reject != PlanReject::none) return reject;
+wire::PlanDecision Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT {
+  const wire::PlanDecision checked = check(plan, limits_, now_ns);
+  if (reason_of(checked) != PlanReject::none) return checked;
   Setpoint from;
   JointArray most_rad_s{};
   const bool moving_on = state_ != PlanState::none;
@@ -42,9 +43,16 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
   for (std::size_t j = 0; j < limits_.joints; ++j)
     most_rad_s[j] =
         std::max(limits_.joint[j].velocity_max_rad_s * (1 + kSpeedRounding), std::abs(from.velocity_rad_s[j]));
+  std::uint32_t ahead = 0;  // the first waypoint that is
+  while (plan.t_ns[ahead] <= now_ns) ++ahead;
+  const bool may_catch_up = plan.streaming != 0 && plan.waypoint_count - ahead > 2;
   bool leads = moving_on && plan.t_ns[0] - now_ns > kBlendNs;
+  if (moving_on && !leads && !may_catch_up) {
+    const wire::PlanDecision near = check_way_to(plan, ahead, now_ns, from);
+    if (reason_of(near) != PlanReject::none) return near;
+  }
   lay_knots(plan, now_ns, leads ? &from : nullptr);
-  if (leads && plan.streaming != 0 && plan.waypoint_count > 2 && lead_is_harsh(most_rad_s)) {
+  if (leads && may_catch_up && lead_is_harsh(most_rad_s)) {
     leads = false;
     lay_knots(plan, now_ns, nullptr);
   }
@@ -53,7 +61,8 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
   JointArray bound_rad_s{};
   next.bound_speed(now_ns, limits_.joints, bound_rad_s);
   for (std::size_t j = 0; j < limits_.joints; ++j)
-    if (bound_rad_s[j] > most_rad_s[j] && next.fastest(now_ns, j) > most_rad_s[j]) return PlanReject::velocity_limit;
+    if (bound_rad_s[j] > most_rad_s[j] && next.fastest(now_ns, j) > most_rad_s[j])
+      return too_fast(now_ns, j, most_rad_s[j], leads);
 
   if (moving_on && !leads) {
     join(next, now_ns, from, bound_rad_s, most_rad_s);
@@ -70,7 +79,42 @@ PlanReject Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LIT
   } else {
     enter_segment(next.segment_at(now_ns));
   }
-  return PlanReject::none;
+  return checked;
+}
+
+// From the present setpoint to this waypoint, which no curve leads to: a blend begins at once, however near it is.
+wire::PlanDecision Interpolator::check_way_to(const wire::Plan& plan, std::uint32_t waypoint, std::int64_t now_ns,
+                                              const Setpoint& from) const LITHE_RT {
+  for (std::size_t j = 0; j < limits_.joints; ++j) {
+    const double way_rad = plan.position_rad[waypoint * wire::kNj + j] - from.position_rad[j];
+    wire::PlanDecision out = check_way(way_rad, plan.t_ns[waypoint] - now_ns, limits_.joint[j].velocity_max_rad_s);
+    if (reason_of(out) == PlanReject::none) continue;
+    out.joint = static_cast<std::uint32_t>(j);
+    out.waypoint = waypoint;
+    return out;
+  }
+  return decision(PlanReject::none);
+}
+
+// Of the next knots, whose curve is faster than this: on the first such way.
+wire::PlanDecision Interpolator::too_fast(std::int64_t now_ns, std::size_t j, double most_rad_s, bool leads) const
+    LITHE_RT {
+  const Knots& next = knots_[1 - used_];
+  std::size_t knot = next.segment_at(now_ns);
+  const auto fastest = [&]() LITHE_RT {
+    return next.fastest_on(knot, std::max(0.0, seconds(now_ns - next.t_ns[knot])), j);
+  };
+  double fastest_rad_s = fastest();
+  while (knot + 2 < next.count && fastest_rad_s <= most_rad_s) {
+    ++knot;
+    fastest_rad_s = fastest();
+  }
+  wire::PlanDecision out = decision(PlanReject::velocity_limit, fastest_rad_s, limits_.joint[j].velocity_max_rad_s);
+  out.joint = static_cast<std::uint32_t>(j);
+  out.waypoint = static_cast<std::uint32_t>(leads ? knot : knot + 1);  // the one at its end
+  out.way_rad = next.rad[knot + 1][j] - next.rad[knot][j];
+  out.needs_s = next.gap_s(knot) * out.value / out.limit;
+  return out;
 }
 
 // The knots of `plan`, where the next plan is tried; behind the present motion, if it is given.

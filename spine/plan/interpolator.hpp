@@ -24,7 +24,9 @@ struct Setpoint {
 };
 
 // Position and velocity are continuous through everything: knots, a new plan in flight, the end of a plan. And the
-// setpoint never moves faster than velocity_max_rad_s: a plan whose own curve does is refused.
+// setpoint never moves faster than velocity_max_rad_s: a plan whose own curve does is refused. So is one whose first
+// waypoint ahead is further from the present setpoint than that allows, unless it is a stream with three or more
+// waypoints ahead, which may catch up.
 //   track  a cubic per segment through the waypoints (knots.hpp); velocities the plan gives are used exactly.
 //   coast  the plan ran out while moving: each joint slows down by its deceleration, harder only where its limit is
 //          near.
@@ -33,8 +35,8 @@ struct Setpoint {
 // first waypoint; otherwise the difference of the two motions decays over 50 ms, or longer (up to 500 ms) when it is
 // large. A joint for which 500 ms are too short (the Brain's stream went on while the robot was disarmed, or the stream
 // itself paused) catches up instead (blend.hpp): it accelerates by at most deceleration_rad_s2, or twice the plan's
-// own hardest acceleration where that is more, until what is left can be blended. The same holds for a stream of three
-// or more waypoints that starts ahead, when the cubic to its first waypoint would be harder or faster than that.
+// own hardest acceleration where that is more, until what is left can be blended. The same holds for such a stream that
+// starts ahead, when the cubic to its first waypoint would be harder or faster than that.
 // Afterwards the setpoint is the plan's, exactly.
 //
 // Contract: RT after configure() · owned by the tick thread · bounded: at most one segment's coefficients per tick, and
@@ -44,7 +46,7 @@ class Interpolator {
   void configure(const robot::RobotConfig& robot);
 
   // Follows `plan` from now on; or returns the reason and continues as before. The plan is copied.
-  wire::PlanReject accept(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT;
+  wire::PlanDecision accept(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT;
 
   // The setpoint for `now_ns`, which never goes back between calls; and that of the last call.
   const Setpoint& sample(std::int64_t now_ns) LITHE_RT;
@@ -83,6 +85,9 @@ class Interpolator {
   void enter_segment(std::size_t knot) LITHE_RT;
   void enter_coast(std::int64_t from_ns, const JointArray& position, const JointArray& velocity) LITHE_RT;
   double slowing(std::size_t j, double position_rad, double velocity_rad_s) const LITHE_RT;
+  wire::PlanDecision check_way_to(const wire::Plan& plan, std::uint32_t waypoint, std::int64_t now_ns,
+                                  const Setpoint& from) const LITHE_RT;
+  wire::PlanDecision too_fast(std::int64_t now_ns, std::size_t j, double most_rad_s, bool leads) const LITHE_RT;
   void lay_knots(const wire::Plan& plan, std::int64_t now_ns, const Setpoint* from) LITHE_RT;
   bool lead_is_harsh(const JointArray& most_rad_s) const LITHE_RT;
   double most_rad_s2(const Knots& knots, std::size_t first, std::size_t j) const LITHE_RT;

@@ -186,7 +186,8 @@ void ControlStep::watch_brain(const Input& in) LITHE_RT {
 }
 
 void ControlStep::take_plan(const wire::Plan& plan) LITHE_RT {
-  if (mode_.mode() != wire::Mode::active) return;  // a plan from before arming is dropped
+  if (mode_.mode() != wire::Mode::active)  // a plan from before arming is dropped
+    return answer(plan, plan::decision(wire::PlanReject::mode, static_cast<double>(mode_.mode())));
   const wire::Plan* taken = &plan;
   if (guard_.any_stopped()) {
     resting_plan_ = plan;
@@ -194,10 +195,24 @@ void ControlStep::take_plan(const wire::Plan& plan) LITHE_RT {
       if (guard_.stopped(j)) plan::rest_joint(resting_plan_, j, plan_.setpoint().position_rad[j]);
     taken = &resting_plan_;
   }
-  const wire::PlanReject reject = plan_.accept(*taken, report_.now_ns());
-  report_.flags |= reject == wire::PlanReject::none ? flag::kPlanNew : flag::kPlanRefused;
-  if (reject == wire::PlanReject::none) return;
-  report_.event(EventKind::plan_refused, static_cast<std::uint32_t>(reject), plan.plan_id, 0, wire::to_string(reject));
+  answer(plan, plan_.accept(*taken, report_.now_ns()));
+  const wire::PlanDecision& decided = report_.plan_decision;
+  const bool followed = plan::reason_of(decided) == wire::PlanReject::none;
+  report_.flags |= followed ? flag::kPlanNew : flag::kPlanRefused;
+  if (!followed)
+    report_.event(EventKind::plan_refused, decided.reject, plan.plan_id, decided.value, decided.text.data());
+}
+
+// Every plan gets an answer by its id.
+void ControlStep::answer(const wire::Plan& plan, const wire::PlanDecision& decided) LITHE_RT {
+  report_.plan_decided = true;
+  report_.plan_decision = decided;
+  report_.plan_decision.plan_id = plan.plan_id;
+  report_.plan_decision.t_ns = report_.now_ns();
+  EventText words;
+  name(decided, words);
+  const std::string_view text = words.text();
+  std::copy_n(text.begin(), std::min(text.size(), decided.text.size() - 1), report_.plan_decision.text.begin());
 }
 
 // A torn plan: the previous plan continues, or with on_torn_plan = "stop" it counts as a deadline miss. Ignored while

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -24,13 +25,15 @@ class EventText {
     size_ += fits;
     return *this;
   }
-  // A number with this many decimals, at most 6; clamped to +-1e9.
+  // A number with this many decimals, at most 6; clamped to +-1e9; or nan, inf, -inf.
   EventText& number(double value, int decimals) LITHE_RT {
+    if (std::isnan(value)) return *this << "nan";
+    if (std::isinf(value)) return *this << (value < 0 ? "-inf" : "inf");
     decimals = std::min(decimals, 6);
     double scale = 1;
     for (int i = 0; i < decimals; ++i) scale *= 10;
     const double size = value < 0 ? -value : value;
-    auto left = static_cast<std::uint64_t>((size < 1e9 ? size : 1e9) * scale + 0.5);  // NaN: 1e9
+    auto left = static_cast<std::uint64_t>((size < 1e9 ? size : 1e9) * scale + 0.5);
     char digits[24];
     std::size_t at = sizeof digits;
     for (int place = 0; at > 1 && (place <= decimals || left > 0); ++place) {
@@ -73,7 +76,7 @@ class Report {
     now_ns_ = now_ns;
     events_ = faults_ = flags = 0;
     law_ns = guard_ns = 0;
-    params_changed = shadow_changed = false;
+    params_changed = shadow_changed = plan_decided = false;
   }
   // One tick makes at most kMostEvents; further ones would be dropped.
   void event(wire::EventKind kind, std::uint32_t code, std::uint64_t request_id, double value, std::string_view text)
@@ -90,10 +93,12 @@ class Report {
   std::uint64_t tick() const LITHE_RT { return tick_; }
   std::int64_t now_ns() const LITHE_RT { return now_ns_; }
 
-  std::uint32_t flags = 0;                                            // bits of wire::telemetry_flag
-  std::int64_t law_ns = 0, guard_ns = 0;                              // measured
-  bool params_changed = false;                                        // of the active law, or there is another one
-  bool shadow_changed = false;                                        // the comparison of a candidate
+  std::uint32_t flags = 0;                // bits of wire::telemetry_flag
+  std::int64_t law_ns = 0, guard_ns = 0;  // measured
+  bool params_changed = false;            // of the active law, or there is another one
+  bool shadow_changed = false;            // the comparison of a candidate
+  bool plan_decided = false;              // there was a plan: plan_decision is its answer
+  wire::PlanDecision plan_decision;
   wire::CommandResult answer = wire::CommandResult::refused_unknown;  // to the command, if there was one
 
  private:

@@ -142,6 +142,50 @@ void ControlStep::name(wire::Fault fault, EventText& words) const LITHE_RT {
   }
 }
 
+// Why a plan is refused; waypoints are counted from 1.
+void ControlStep::name(const wire::PlanDecision& decided, EventText& words) const LITHE_RT {
+  const wire::PlanReject reason = plan::reason_of(decided);
+  if (reason == wire::PlanReject::none) return;
+  words << wire::to_string(reason);
+  const double waypoint = decided.waypoint + 1.0;
+  if (decided.joint < in_.joints)
+    (words << " at joint " << robot_.joints[decided.joint].name << ", waypoint ").number(waypoint, 0);
+  switch (reason) {
+    case wire::PlanReject::mode:
+      words << ": in " << wire::to_string(mode_.mode()) << " no plan is followed, only in active";
+      return;
+    case wire::PlanReject::count:
+      (words << ": ").number(decided.value, 0) << " waypoints, allowed 1 to ";
+      words.number(decided.limit, 0);
+      return;
+    case wire::PlanReject::joints:
+      (words << ": the plan has ").number(decided.value, 0) << ", the robot ";
+      words.number(decided.limit, 0);
+      return;
+    case wire::PlanReject::time_order:
+      (words << ": waypoint ").number(waypoint, 0) << " is ";
+      words.number(-decided.value, 3) << " s before the one before it";
+      return;
+    case wire::PlanReject::too_old:
+    case wire::PlanReject::too_far:
+      (words << ": waypoint ").number(waypoint, 0) << " is ";
+      words.number(std::abs(decided.value), 3) << (decided.value > 0 ? " s ahead of" : " s behind");
+      (words << " the Spine's clock, allowed ").number(std::abs(decided.limit), 0);
+      return;
+    case wire::PlanReject::position_limit:
+      (words << ": ").number(decided.value, 3) << " rad, allowed ";
+      words.number(robot_.joints[decided.joint].position_min_rad, 3) << " to ";
+      words.number(robot_.joints[decided.joint].position_max_rad, 3);
+      return;
+    case wire::PlanReject::velocity_limit:
+      (words << ": ").number(decided.value, 3) << " rad/s, allowed ";
+      words.number(decided.limit, 3);
+      return;
+    default:
+      return;
+  }
+}
+
 void ControlStep::fill(const Input& in, wire::Telemetry& record) const LITHE_RT {
   const hal::ActuatorState& sample = in.sample;
   record.tick = in.tick;

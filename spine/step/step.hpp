@@ -71,6 +71,7 @@ class ControlStep {
   void react(const guard::Verdict& verdict) LITHE_RT;
   void name(const guard::Group& group, EventText& words) const LITHE_RT;
   void name(wire::Fault fault, EventText& words) const LITHE_RT;
+  void name(const wire::PlanDecision& decided, EventText& words) const LITHE_RT;
   void fill(const Input& in, wire::Telemetry& record) const LITHE_RT;
 
   // listen.cpp
@@ -85,6 +86,7 @@ class ControlStep {
   void switch_off_at_rest(const Input& in) LITHE_RT;
   void watch_brain(const Input& in) LITHE_RT;
   void take_plan(const wire::Plan& plan) LITHE_RT;
+  void answer(const wire::Plan& plan, const wire::PlanDecision& decided) LITHE_RT;
   void miss_plan() LITHE_RT;
   void fail(wire::Fault fault, std::string_view text) LITHE_RT;
 

@@ -91,6 +91,21 @@ void for_each_field(Plan& message, Visit&& visit) {
 }
 
 template <class Visit>
+void for_each_field(PlanDecision& message, Visit&& visit) {
+  visit("plan_id", message.plan_id);
+  visit("t_ns", message.t_ns);
+  visit("reject", message.reject);
+  visit("joint", message.joint);
+  visit("waypoint", message.waypoint);
+  visit("pad0", message.pad0);
+  visit("value", message.value);
+  visit("limit", message.limit);
+  visit("way_rad", message.way_rad);
+  visit("needs_s", message.needs_s);
+  visit("text", message.text);
+}
+
+template <class Visit>
 void for_each_field(Command& message, Visit&& visit) {
   visit("kind", message.kind);
   visit("law_id", message.law_id);
@@ -247,6 +262,7 @@ void for_each_message(Visit&& visit) {
   visit("Telemetry", Telemetry{});
   visit("Event", Event{});
   visit("Plan", Plan{});
+  visit("PlanDecision", PlanDecision{});
   visit("Command", Command{});
   visit("StageRequest", StageRequest{});
   visit("LawFault", LawFault{});

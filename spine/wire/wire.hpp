@@ -178,6 +178,7 @@ enum class PlanReject : std::uint32_t {
   too_old = 6,
   position_limit = 7,
   velocity_limit = 8,
+  mode = 9,
 };
 
 // The name of `value`, or "?" for a number that is not one of PlanReject.
@@ -201,6 +202,8 @@ constexpr std::string_view to_string(PlanReject value) LITHE_RT {
       return "position_limit";
     case PlanReject::velocity_limit:
       return "velocity_limit";
+    case PlanReject::mode:
+      return "mode";
   }
   return "?";
 }
@@ -779,6 +782,35 @@ static_assert(offsetof(Plan, t_ns) == 24);
 static_assert(offsetof(Plan, position_rad) == 152);
 static_assert(offsetof(Plan, velocity_rad_s) == 4248);
 
+// What a tick decided about one plan: the answer to its plan_id.
+struct PlanDecision {
+  std::uint64_t plan_id = {};  // of the plan
+  std::int64_t t_ns = {};  // [ns] CLOCK_MONOTONIC of the Spine when it decided
+  std::uint32_t reject = {};  // PlanReject; none: it is followed
+  std::uint32_t joint = {};  // whose value it is; NJ = of no joint
+  std::uint32_t waypoint = {};  // whose value it is, counted from 0
+  std::array<std::uint8_t, 4> pad0{};
+  double value = {};  // [1] what was refused: rad, rad/s, s from now, a count or a Mode, as reject says
+  double limit = {};  // [1] the limit that it passes, in the same unit
+  double way_rad = {};  // [rad] velocity_limit: of this joint to this waypoint; 0 = its given velocity is too high
+  double needs_s = {};  // [s] velocity_limit: the least time for this way; 0 = likewise
+  std::array<char, 96> text{};  // the same for people, zero-terminated; empty when it is followed
+};
+static_assert(std::is_trivially_copyable_v<PlanDecision>);
+static_assert(std::is_standard_layout_v<PlanDecision>);
+static_assert(sizeof(PlanDecision) == 160);
+static_assert(offsetof(PlanDecision, plan_id) == 0);
+static_assert(offsetof(PlanDecision, t_ns) == 8);
+static_assert(offsetof(PlanDecision, reject) == 16);
+static_assert(offsetof(PlanDecision, joint) == 20);
+static_assert(offsetof(PlanDecision, waypoint) == 24);
+static_assert(offsetof(PlanDecision, pad0) == 28);
+static_assert(offsetof(PlanDecision, value) == 32);
+static_assert(offsetof(PlanDecision, limit) == 40);
+static_assert(offsetof(PlanDecision, way_rad) == 48);
+static_assert(offsetof(PlanDecision, needs_s) == 56);
+static_assert(offsetof(PlanDecision, text) == 64);
+
 // A request that must not be lost.
 struct Command {
   std::uint32_t kind = {};  // CommandKind
@@ -1169,7 +1201,9 @@ inline constexpr std::size_t kBrainAckDepth = 16;
 inline constexpr std::size_t kStageAckOffset = 16303744;  // ack StageRequest
 inline constexpr std::size_t kStageAckDepth = 4;
 inline constexpr std::size_t kHealthOffset = 16304000;  // plain Health
-inline constexpr std::size_t kBytes = 16304128;  // the schema text follows
+inline constexpr std::size_t kPlanDecisionsOffset = 16304128;  // ring PlanDecision
+inline constexpr std::size_t kPlanDecisionsDepth = 4096;
+inline constexpr std::size_t kBytes = 17090688;  // the schema text follows
 }
 
 // Segment `control`, written by the supervisor: byte offsets of its items.
@@ -1191,7 +1225,7 @@ inline constexpr std::size_t kEstopOffset = 41344;  // word
 inline constexpr std::size_t kBytes = 41472;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0x1f019b625e86b154;
+inline constexpr std::uint64_t kLayoutHash = 0xe600b51796f62f03;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -1260,6 +1294,17 @@ inline constexpr std::string_view kCanonicalSchema =
     "Plan.t_ns:int64[16]:24:128:ns\n"
     "Plan.position_rad:float64[512]:152:4096:rad\n"
     "Plan.velocity_rad_s:float64[512]:4248:4096:rad/s\n"
+    "PlanDecision.plan_id:uint64[1]:0:8:-\n"
+    "PlanDecision.t_ns:int64[1]:8:8:ns\n"
+    "PlanDecision.reject:uint32[1]:16:4:-\n"
+    "PlanDecision.joint:uint32[1]:20:4:-\n"
+    "PlanDecision.waypoint:uint32[1]:24:4:-\n"
+    "PlanDecision.pad0:uint8[4]:28:4:-\n"
+    "PlanDecision.value:float64[1]:32:8:1\n"
+    "PlanDecision.limit:float64[1]:40:8:1\n"
+    "PlanDecision.way_rad:float64[1]:48:8:rad\n"
+    "PlanDecision.needs_s:float64[1]:56:8:s\n"
+    "PlanDecision.text:char[96]:64:96:-\n"
     "Command.kind:uint32[1]:0:4:-\n"
     "Command.law_id:uint32[1]:4:4:-\n"
     "Command.count:uint32[1]:8:4:-\n"
@@ -1389,6 +1434,7 @@ inline constexpr std::string_view kCanonicalSchema =
     "spine/brain_ack:ack:Command:16x1:16303488\n"
     "spine/stage_ack:ack:StageRequest:4x1:16303744\n"
     "spine/health:plain:Health:0x1:16304000\n"
+    "spine/plan_decisions:ring:PlanDecision:4096x1:16304128\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:10880\n"

@@ -161,13 +161,9 @@ Json event_json(const wire::Event& event, const SpineLink& spine) {
     const auto law = spine.law(event.code);
     out["law"] = law ? Json(text_of(law->name)) : Json(nullptr);
     more = law ? fmt::format("law {} runs now", text_of(law->name)) : "no law runs now";
-  } else if (kind == wire::EventKind::plan_refused) {
-    const auto plan = spine.plan();  // unless a newer one has taken its place
-    const auto reason = static_cast<wire::PlanReject>(event.code);
-    if (plan && plan->plan_id == event.request_id) more = beyond_limits(*plan, reason, spine.info());
   }
   const std::string text = out["text"];
-  if (tells_next(kind)) put_facts(text, spine.info(), out);
+  if (tells_next(kind) || kind == wire::EventKind::plan_refused) put_facts(text, spine.info(), out);
   if (const std::string_view next = next_step(text); tells_next(kind) && !next.empty()) out["next"] = std::string(next);
   if (kind == wire::EventKind::law_marked) {
     const std::string cause = out.value("next", "");

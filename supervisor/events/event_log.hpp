@@ -19,9 +19,9 @@ namespace lithe::control {
 
 // An event of the Spine as text.
 Json event_json(const wire::Event& event);
-// With what the event has no field for: of a stop, a law's fault, a rollback or a revert "joint", "value" and "limit",
-// as far as its text has them, and what to do ("next"); after the last two which law runs ("law"), and which joint of a
-// refused plan is beyond which limit.
+// With what the event has no field for: of a stop, a law's fault, a rollback, a revert or a refused plan "joint",
+// "value" and "limit", as far as its text has them; of all but the last what to do ("next"); after a rollback or revert
+// which law runs ("law").
 Json event_json(const wire::Event& event, const SpineLink& spine);
 // What to do about the reason of a stop, a fault, a rollback or a revert, which is the first word of the Spine's event;
 // empty: somebody asked for it.

@@ -110,21 +110,15 @@ TEST_F(EventJsonTest, AStopHasJointValueAndLimitAsFields) {
   EXPECT_EQ(told(cut), (Json{"hip", nullptr, nullptr})) << "the limit may have had more digits";
 }
 
-TEST_F(EventJsonTest, ARefusedPlanNamesItsJointUntilANewerOneIsThere) {
+TEST_F(EventJsonTest, ARefusedPlanHasJointValueAndLimitWhateverPlanCameSince) {
   wire::Event event =
       event_of(wire::EventKind::plan_refused, static_cast<std::uint32_t>(wire::PlanReject::position_limit));
-  event.request_id = 7;
-  EXPECT_EQ(event_json(event, *link_)["text"], "") << "no Brain's memory";
-  auto brain = ipc::Segment<ipc::BrainMemory>::create(robot_);
-  ASSERT_TRUE(brain) << brain.message();
-  wire::Plan plan;
-  plan.plan_id = 7;
-  plan.joint_count = plan.waypoint_count = 1;
-  plan.position_rad[0] = 1.5;
-  ipc::ChannelWriter<wire::Plan>((*brain)->plan).write(plan);
-  EXPECT_EQ(event_json(event, *link_)["text"], "joint hip, waypoint 1: 1.500 rad, its limits are 0.000 and 1.000 rad");
-  event.request_id = 6;
-  EXPECT_EQ(event_json(event, *link_)["text"], "") << "of an earlier plan";
+  const std::string_view text = "position_limit at joint hip, waypoint 1: 1.500 rad, allowed 0.000 to 1.000";
+  std::copy(text.begin(), text.end(), event.text.begin());
+  const Json told = event_json(event, *link_);
+  EXPECT_EQ(told["text"], text);
+  EXPECT_EQ((Json{told["joint"], told["value"], told["limit"]}), (Json{"hip", 1.5, 1.0}));
+  EXPECT_FALSE(told.contains("next"));
 }
 
 TEST(EventLog, HandsOutEachEventOnceByCursor) {

@@ -164,6 +164,12 @@ Json probation_json(std::uint32_t flags) {
   return {{"of", !on ? "none" : params ? "params" : "law"}, {"unproven", (flags & flag::kUnproven) != 0}};
 }
 
+// How far the Brain's heartbeats are ahead of the Spine's clock, which cannot tell their age then; null: not at all.
+Json brain_ahead_s(const SpineLink& spine, const wire::Telemetry& now) {
+  const std::int64_t ahead_ns = spine.brain_heartbeat_ns() - monotonic_ns();
+  return now.brain_age_ns < 0 && ahead_ns > 0 ? Json(static_cast<double>(ahead_ns) * 1e-9) : Json(nullptr);
+}
+
 }  // namespace
 
 Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
@@ -187,6 +193,7 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
           {"late_samples", now.late_samples},
           {"plan", std::string(to_string(static_cast<wire::PlanState>(now.plan_state)))},
           {"brain_age_ms", now.brain_age_ns < 0 ? Json(nullptr) : Json(static_cast<double>(now.brain_age_ns) * 1e-6)},
+          {"brain_ahead_s", brain_ahead_s(spine, now)},
           {"release_jitter_us", quantiles_json(spine.quantiles(memory.release_jitter))},
           {"handoff_us", quantiles_json(spine.quantiles(memory.handoff))},
           {"law_us", quantiles_json(spine.quantiles(memory.law))},

@@ -53,8 +53,8 @@ class SpineSide {
 
   // A plan that passes is one that can be followed.
   void follow() {
-    const wire::PlanReject verdict = plan::check(plan, limits_, 5'000'000'000);
-    if (verdict != wire::PlanReject::none) return;
+    const wire::PlanDecision verdict = plan::check(plan, limits_, 5'000'000'000);
+    if (plan::reason_of(verdict) != wire::PlanReject::none) return;
     require(plan.waypoint_count >= 1 && plan.waypoint_count <= wire::kNw && plan.joint_count == limits_.joints,
             "a plan that passes is of this robot");
     for (std::size_t point = 0; point < plan.waypoint_count; ++point) {

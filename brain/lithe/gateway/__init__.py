@@ -38,7 +38,6 @@ from ..certificates import params_with_verdict, with_verdict
 from ..errors import LitheError, NotRunning, Refused
 from ..identify import live
 from ..robot import Robot
-from ..text import unprintable_in
 from ..vocabulary import BY_NAME, VERBS, Effect, Tier, check_names, nearest, tier_of
 from . import changes, documents, dry, happened
 from .answers import Encoded, encode, in_the_words_of_verbs, refusal, refused_by
@@ -51,6 +50,7 @@ from .parts import chain_of, parts_of, simulation_of
 from .peer import AWAY_S, Peer, Peers
 from .records import Records
 from .references import References
+from .text import unprintable_in
 from .token import lower, write_token
 from .turns import Turns
 
@@ -376,7 +376,4 @@ class Gateway:
             None if velocity is None else np.asarray(velocity, dtype=np.float64),
             bool(args.get("streaming", True)),
         )
-        try:
-            return {"plan_id": plan_id, "accepted": self.robot.decided(plan_id) or None}
-        except NotRunning:
-            return {"plan_id": plan_id, "accepted": None}  # no supervisor that could tell the reason
+        return {"plan_id": plan_id, "accepted": self.robot.decided(plan_id) or None}

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .._wire import Mode, PlanReject
-from ..errors import LitheError, NotRunning, Refused
+from ..errors import LitheError, Refused
 from ..robot import Robot
 from .curves import Args, Curve, Vector, curve_of
 
@@ -281,13 +281,12 @@ class References:
             time.sleep(PERIOD_NS * 1e-9)
 
     def _refused(self, plan_id: int) -> Refused | None:
-        """Why the Spine does not follow that plan; None: it does, or nobody knows."""
+        """Why the Spine does not follow that plan; None: it does, or has not looked yet, or there is none (0)."""
         try:
-            self._robot.decided(plan_id)
+            if plan_id != 0:
+                self._robot.decided(plan_id)
         except Refused as refused:
             return refused
-        except NotRunning:  # no supervisor that could tell the reason; or no robot, as the next plan will show
-            pass
         return None
 
     def _give_up(self, now: Reference, refused: Refused) -> None:

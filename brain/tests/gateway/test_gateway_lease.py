@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Several clients of one gateway: who may move the robot, what became of a plan, and back to a law by its name."""
 
+import dataclasses
 import json
 import socket
 import time
@@ -112,24 +113,42 @@ def test_a_lease_ends_by_itself_and_lasts_while_its_client_moves(monkeypatch: py
             lease.take(other, "other", seconds)
 
 
-def decided(remote: Remote, **plan: float) -> bool | None:
-    """What the Spine says of this plan; asked again while it says nothing: on a busy machine it has no tick in time."""
-    until_s = time.monotonic() + 30
-    while (said := remote.call("publish", **soon(remote, **plan)))["accepted"] is None and time.monotonic() < until_s:
-        pass
-    return said["accepted"]
+def decided(remote: Remote, robot: lithe.Robot, **plan: float) -> bool | None:
+    """What the Spine says of this plan: at once, or when a busy machine has let it tick."""
+    said = remote.call("publish", **soon(remote, **plan))
+    return bool(said["accepted"]) or robot.decided(said["plan_id"], wait_s=60)
 
 
-def test_publish_says_what_the_spine_decided(remote: Remote) -> None:
-    assert decided(remote) is True
-    with pytest.raises(Refused) as refusal:
-        decided(remote, rad=100.0)
-    assert refusal.value.code == "refused_plan" and "shoulder" in refusal.value.message, refusal.value.message
+def test_publish_says_what_the_spine_decided(remote: Remote, robot: lithe.Robot) -> None:
+    assert decided(remote, robot, in_s=5) is True
+    for _ in range(5):  # at once: each has an answer of its own
+        with pytest.raises(Refused) as refusal:
+            decided(remote, robot, rad=100.0)
+        assert refusal.value.code == "refused_plan" and "shoulder" in refusal.value.message, refusal.value.message
     remote.call("disarm")
     with pytest.raises(Refused) as refusal:
-        decided(remote)
+        decided(remote, robot)
     assert refusal.value.code == "refused_mode" and "disarmed" in refusal.value.message
+    remote.call("estop")
+    with pytest.raises(Refused) as refusal:
+        decided(remote, robot)
+    assert "reset, then arm" in refusal.value.next
+    remote.call("reset")
     remote.call("arm")
+
+
+def test_a_reference_that_the_spine_refuses_ends_and_says_so(
+    remote: Remote, gateway: Gateway, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The gateway's own limits are wider than the Spine's: every plan passes its check."""
+    kept = gateway.references
+    limits = kept.limits()
+    wide = dataclasses.replace(limits, least_rad=limits.least_rad - 50, most_rad=limits.most_rad + 50)
+    monkeypatch.setattr(kept, "limits", lambda: wide)
+    leaves = {"kind": "waypoints", "t_s": [0, 1, 3], "position_rad": [[0], [0], [limits.most_rad[0] + 2]]}
+    assert remote.call("set_reference", **leaves, stay=True)["streams"]
+    RobotRig.wait_for(lambda: remote.call("reference")["asked"]["kind"] == "rest")
+    assert "position_limit at joint shoulder" in remote.call("reference")["ended"]
 
 
 def test_a_law_that_ran_before_runs_again_by_its_name(remote: Remote, robot: lithe.Robot) -> None:

@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "spine/core/test/no_alloc_rig.hpp"
+#include "spine/law/test/slot_rig.hpp"
 #include "spine/load/loader.hpp"
 
 namespace lithe::load {
@@ -58,7 +59,7 @@ TEST(LoaderNoAlloc, StagingRefusingAndRetiringNeverAllocate) {
     const NoAllocScope scope;
     while (loader->poll(1)) {
     }
-    if (slot.try_commit()) ++commits;
+    if (law::commit_next(slot)) ++commits;
     if (i % 7 == 0) slot.rollback();
   }
   EXPECT_EQ(commits, 80u);

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -105,7 +106,7 @@ class TickBench {
   // A new Spine, as after a start; with a FaultBarrier it survives laws that crash.
   void use_cell(contain::FaultBarrier* barrier) {
     spine_ = std::make_unique<Spine>(Wiring{robot_, *memory_, *control_memory_, *brain_memory_, slot_, **sandbox_,
-                                            barrier, handover_, clock_, nullptr});
+                                            barrier, handover_, clock_, nullptr, nullptr, &supervised_});
   }
 
   // One period: the tick, then the Transport, unless the test makes it late.
@@ -198,6 +199,7 @@ class TickBench {
   std::unique_ptr<ipc::ControlMemory> control_memory_ = std::make_unique<ipc::ControlMemory>();
   std::unique_ptr<ipc::BrainMemory> brain_memory_ = std::make_unique<ipc::BrainMemory>();
   ClockMemory clock_{};
+  std::atomic<bool> supervised_{false};
   Handover handover_;
   law::Slot slot_;
   Result<law::SandboxMemory> sandbox_ = law::SandboxMemory::make();

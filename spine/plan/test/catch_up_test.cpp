@@ -144,7 +144,8 @@ TEST(CatchUp, AfterwardsTheSetpointIsThePlansToTheLastBit) {
 
 TEST(CatchUp, APlanThatEndsMeanwhileIsStillReached) {
   Bench bench(robot_of_joint(), -2.8);
-  ASSERT_EQ(bench.accept(make_plan({{-20, 2.5, 0}, {60, 2.5, 0}}), 0), PlanReject::none);
+  const wire::Plan plan = make_plan({{-20, 2.5, 0}, {20, 2.5, 0}, {40, 2.5, 0}, {60, 2.5, 0}}, true);
+  ASSERT_EQ(bench.accept(plan, 0), PlanReject::none);
   EXPECT_EQ(bench.at(300).state, PlanState::coast) << "not at rest yet";
   for (double t = 300; t < 4000; ++t) (void)bench.at(t);
   EXPECT_EQ(bench.at(4000).position_rad[0], 2.5);

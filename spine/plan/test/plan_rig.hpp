@@ -58,7 +58,8 @@ struct Bench {
     interpolator.hold_at(position);
   }
   Setpoint at(double t_ms) { return interpolator.sample(kStart + std::llround(t_ms * 1e6)); }
-  wire::PlanReject accept(const wire::Plan& plan, double t_ms) {
+  wire::PlanReject accept(const wire::Plan& plan, double t_ms) { return reason_of(decide(plan, t_ms)); }
+  wire::PlanDecision decide(const wire::Plan& plan, double t_ms) {
     return interpolator.accept(plan, kStart + std::llround(t_ms * 1e6));
   }
   Interpolator interpolator;

@@ -30,8 +30,8 @@ double between(std::mt19937_64& random, double low, double high) {
   return std::uniform_real_distribution<double>(low, high)(random);
 }
 
-// Random waypoints, gaps of 2 to 400 ms, some with given velocities. No joint's mean speed between two waypoints is
-// above `most_rad_s`, and no given velocity is.
+// Random waypoints, gaps of 2 to 400 ms, some with given velocities. No joint's mean speed from the setpoint to the
+// first waypoint ahead, or between two of them, is above `most_rad_s`, and no given velocity is.
 wire::Plan random_plan(std::mt19937_64& random, double now_ms, const JointArray& from_rad, double range_rad,
                        double most_rad_s) {
   wire::Plan plan = make_plan({}, random() % 2 == 0, kJoints);
@@ -43,8 +43,8 @@ wire::Plan random_plan(std::mt19937_64& random, double now_ms, const JointArray&
     if (w > 0) t_ms += gap_ms;
     plan.t_ns[w] = kStart + std::llround(t_ms * 1e6);
     for (std::size_t j = 0; j < kJoints; ++j) {
-      const double way_rad =
-          most_rad_s * (w > 0 ? gap_ms : std::max(0.0, t_ms - now_ms)) * 1e-3 * between(random, -1, 1);
+      const double lasts_ms = std::max(0.0, w > 0 ? std::min(gap_ms, t_ms - now_ms) : t_ms - now_ms);
+      const double way_rad = most_rad_s * lasts_ms * 1e-3 * between(random, -1, 1);
       const double before_rad = w > 0 ? plan.position_rad[(w - 1) * wire::kNj + j] : from_rad[j];
       plan.position_rad[w * wire::kNj + j] = std::clamp(before_rad + way_rad, -range_rad, range_rad);
       plan.velocity_rad_s[w * wire::kNj + j] =

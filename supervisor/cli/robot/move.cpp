@@ -38,15 +38,11 @@ struct View {
   explicit View(Spine memory)
       : spine(std::move(memory)),
         telemetry(spine->telemetry),
-        events(spine->events_tick),
-        info_reader(spine->robot_info) {
-    wire::Event old;
-    while (events.next(old)) {
-    }
-  }
+        decisions(spine->plan_decisions),
+        info_reader(spine->robot_info) {}
   Spine spine;
   ipc::RingReader<wire::Telemetry, wire::spine_segment::kTelemetryDepth> telemetry;
-  ipc::RingReader<wire::Event, wire::spine_segment::kEventsTickDepth> events;
+  ipc::RingReader<wire::PlanDecision, wire::spine_segment::kPlanDecisionsDepth> decisions;
   ipc::ChannelReader<wire::RobotInfo> info_reader;
 };
 
@@ -63,21 +59,19 @@ void must_not_stop(const std::string& name, const wire::RobotInfo& info) {
 }
 
 // Waits until the joint has arrived at the target, and sends heartbeats.
-void follow(View& view, const Brain& brain, const Move& move, const wire::RobotInfo& info, wire::Telemetry& now) {
+void follow(View& view, const Brain& brain, const Move& move, wire::Telemetry& now) {
   const wire::Plan& plan = move.plan;
   const std::int64_t until_ns = plan.t_ns[0] + kSettleNs;
   bool ended = false;
   while (monotonic_ns() < until_ns) {
     std::atomic_ref<std::int64_t>(brain->header.heartbeat_ns).store(monotonic_ns(), std::memory_order_release);
-    for (wire::Event event; view.events.next(event);) {
-      if (event.kind == static_cast<std::uint32_t>(wire::EventKind::plan_refused)) {
-        const auto why = static_cast<wire::PlanReject>(event.code);
-        const std::string where = control::beyond_limits(plan, why, info);
-        throw Refusal{
-            "refused_plan",
-            fmt::format("the Spine refuses the move: {}{}{}", to_string(why), where.empty() ? "" : "; ", where),
-            "more time (--in), or a smaller angle"};
-      }
+    for (wire::PlanDecision decided; view.decisions.next(decided);) {
+      const auto why = static_cast<wire::PlanReject>(decided.reject);
+      if (decided.plan_id != plan.plan_id || why == wire::PlanReject::none || why == wire::PlanReject::mode) continue;
+      throw Refusal{"refused_plan", fmt::format("the Spine refuses the move: {}", control::text_of(decided.text)),
+                    decided.needs_s > 0
+                        ? fmt::format("more time: --in {:.2f}s, or a smaller angle", decided.needs_s + 0.01)
+                        : "a smaller angle"};
     }
     (void)view.telemetry.latest(now);
     if (now.mode != static_cast<std::uint32_t>(wire::Mode::active)) {
@@ -121,7 +115,7 @@ Json go(const std::string& robot, const Motion& motion) {
   const Move move = value_of(plan_motion(motion, info, now, monotonic_ns()));
   ipc::sign_in((*brain)->header, monotonic_ns());
   ipc::ChannelWriter<wire::Plan>((*brain)->plan).write(move.plan);
-  follow(view, *brain, move, info, now);
+  follow(view, *brain, move, now);
   return Json{{"robot", robot},
               {"joint", motion.joint},
               {"from_rad", move.from_rad},

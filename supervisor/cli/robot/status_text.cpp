@@ -185,6 +185,16 @@ std::string joint_lines(const Json& status, const Look& look) {
   return text;
 }
 
+std::string brain_words(const Json& s) {
+  const auto known = [&](const char* name) { return s.contains(name) && s[name].is_number(); };
+  if (known("brain_age_ms")) return fmt::format("{:.1f} ms ago", number(s, "brain_age_ms"));
+  if (!known("brain_ahead_s")) return "never seen";
+  return fmt::format(
+      "heartbeats are {:.1f} s ahead of the Spine's clock: it has another time namespace (a container); "
+      "start it in the robot's",
+      number(s, "brain_ahead_s"));
+}
+
 }  // namespace
 
 bool wants_color() {
@@ -204,10 +214,8 @@ std::string status_text(const Json& s, const Look& look) {
   text += fmt::format("  law {} ({}) at {:g} Hz, tick {}, plan {}\n", word(s, "law"), s.value("law_id", 0),
                       number(s, "rate_hz"), s.value("tick", std::uint64_t{0}), word(s, "plan"));
   text += probation_line(s) + last_swap(s) + last_params(s) + last_fault(s);
-  const bool seen = s.contains("brain_age_ms") && s["brain_age_ms"].is_number();
   text += fmt::format("  missed releases {}, late samples {}, Brain {}\n", s.value("missed_releases", 0),
-                      s.value("late_samples", 0),
-                      seen ? fmt::format("{:.1f} ms ago", number(s, "brain_age_ms")) : "never seen");
+                      s.value("late_samples", 0), brain_words(s));
   text += bus_lines(s) + quantile_lines(s) + joint_lines(s, look) + core_line(s) + shield_lines(s);
   if (const std::string lost = s.value("lost", ""); !lost.empty())
     text += fmt::format("  this machine could not give: {}\n", lost);

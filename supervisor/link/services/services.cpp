@@ -145,7 +145,7 @@ void ServiceLink::serve(std::int64_t now_ns) {
 }
 
 void ServiceLink::write_requests(std::int64_t now_ns) {
-  if (!process_) return;
+  if (!process_ || !socket_) return;  // without a socket it is dying
   if (!active_ && !(line_.empty() && idle_.empty())) {
     std::deque<Job>& from = line_.empty() ? idle_ : line_;
     out_ += from.front().request;
@@ -194,22 +194,26 @@ void ServiceLink::take(const std::string& line) {
 void ServiceLink::out_of_time(std::int64_t now_ns) {
   const Work work = work_of_session(process_->pid());
   const double wall_s = 1e-9 * static_cast<double>(now_ns - active_->began_ns), cpu_s = work.cpu_s - active_->cpu_s;
-  process_->signal(SIGKILL);
-  process_->wait(1000);
+  process_->signal(SIGKILL);  // serve() sees its end, and starts it again
+  socket_.reset();
   const std::string had = fmt::format("{:.1f} s of the processor in {:.1f} s", cpu_s, wall_s);
   if (work.wants_to_run && cpu_s < 0.5 * wall_s)
-    on_death("the machine is too busy: the " + name_ + " got " + had, now_ns, true);
+    refuse_active("the machine is too busy: the " + name_ + " got " + had, true);
   else
-    on_death("it had " + had + ", was not done and was stopped", now_ns);
+    refuse_active("it had " + had + ", was not done and was stopped", false);
 }
 
-void ServiceLink::on_death(std::string why, std::int64_t now_ns, bool starved) {
+void ServiceLink::on_death(std::string why, std::int64_t now_ns) {
   spdlog::error("{} is gone: {}", name_, why);
   process_.reset();
   socket_.reset();
   restart_at_ns_ = now_ns + kRestartPauseNs;
+  refuse_active(why, false);
+}
+
+// The request that was sent; those not sent yet wait for the next process.
+void ServiceLink::refuse_active(const std::string& why, bool starved) {
   if (!active_) return;
-  // The request that was sent is refused; requests not sent yet wait for the next process.
   const Callback callback = std::move(active_->callback);
   active_.reset();
   if (starved) {

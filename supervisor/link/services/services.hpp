@@ -70,8 +70,9 @@ class ServiceLink {
   void write_requests(std::int64_t now_ns);
   void take(const std::string& line);
   void out_of_time(std::int64_t now_ns);
-  // Refuses the request that the service was handling. By value: `why` may refer to the process that is being replaced.
-  void on_death(std::string why, std::int64_t now_ns, bool starved = false);
+  // By value: `why` may refer to the process that is being replaced.
+  void on_death(std::string why, std::int64_t now_ns);
+  void refuse_active(const std::string& why, bool starved);
   void refuse_waiting(const std::string& why);
 
   std::string word_, name_, starved_;

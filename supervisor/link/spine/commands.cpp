@@ -4,7 +4,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 namespace lithe::control {
@@ -264,30 +263,6 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
       return {code, fmt::format("the Spine does not know the command {}", to_string(kind)),
               "build both from the same source"};
   }
-}
-
-// As the Spine checks it: spine/plan/check.cpp.
-std::string beyond_limits(const wire::Plan& plan, wire::PlanReject reason, const wire::RobotInfo& info) {
-  constexpr double kRounding = 1e-9;
-  const auto joints = std::min<std::size_t>({plan.joint_count, info.joint_count, wire::kNj});
-  for (std::size_t w = 0; w < std::min<std::size_t>(plan.waypoint_count, wire::kNw); ++w) {
-    for (std::size_t j = 0; j < joints; ++j) {
-      const std::size_t at = w * wire::kNj + j;
-      const double rad = plan.position_rad[at], min = info.position_min_rad[j], max = info.position_max_rad[j];
-      const std::string who = fmt::format("joint {}, waypoint {}", joint_name(info, j), w + 1);
-      if (reason == wire::PlanReject::position_limit && !(rad >= min - kRounding && rad <= max + kRounding))
-        return fmt::format("{}: {:.3f} rad, its limits are {:.3f} and {:.3f} rad", who, rad, min, max);
-      const double gap_s = w > 0 ? static_cast<double>(plan.t_ns[w] - plan.t_ns[w - 1]) * 1e-9 : 1.0;
-      const double mean_rad_s = w > 0 ? std::abs(rad - plan.position_rad[at - wire::kNj]) / gap_s : 0.0;
-      const double own_rad_s = std::isnan(plan.velocity_rad_s[at]) ? 0.0 : std::abs(plan.velocity_rad_s[at]);
-      const double fastest_rad_s = std::max(mean_rad_s, own_rad_s);
-      if (reason == wire::PlanReject::velocity_limit && fastest_rad_s > info.velocity_max_rad_s[j] + kRounding) {
-        return fmt::format("{}: {:.3f} rad/s, its limit is {:.3f} rad/s", who, fastest_rad_s,
-                           info.velocity_max_rad_s[j]);
-      }
-    }
-  }
-  return "";
 }
 
 std::variant<wire::Command, Refusal> params_command(const Json& values, const wire::LawInfo& law) {

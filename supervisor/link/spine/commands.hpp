@@ -32,9 +32,6 @@ struct DriveFacts {
 Refusal refusal_of(wire::CommandKind kind, wire::CommandResult result, const wire::Telemetry& now,
                    const wire::RobotInfo& info = {}, const DriveFacts& drives = {});
 
-// The first joint of a refused plan that is beyond its limit, with value and limit; empty when the reason is another.
-std::string beyond_limits(const wire::Plan& plan, wire::PlanReject reason, const wire::RobotInfo& info);
-
 // Makes the command that sets these parameters of this law. A refusal names the parameter.
 std::variant<wire::Command, Refusal> params_command(const Json& values, const wire::LawInfo& law);
 

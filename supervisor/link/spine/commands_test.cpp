@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdlib>
 #include <optional>
 #include <string>
@@ -28,29 +27,6 @@ wire::Telemetry in_mode(Mode mode, Fault fault = Fault::none) {
   now.mode = static_cast<std::uint32_t>(mode);
   now.fault = static_cast<std::uint32_t>(fault);
   return now;
-}
-
-TEST(BeyondLimits, NamesTheFirstJointWithItsWaypointValueAndLimit) {
-  wire::RobotInfo info{};
-  info.joint_count = 2;
-  std::copy_n("hip", 3, info.joint_name.begin());
-  std::copy_n("knee", 4, info.joint_name.begin() + 32);
-  info.position_min_rad = {-1, -1};
-  info.position_max_rad = {1, 2};
-  info.velocity_max_rad_s = {10, 10};
-  wire::Plan plan;
-  plan.joint_count = plan.waypoint_count = 2;
-  plan.t_ns = {1'000'000'000, 1'100'000'000};
-  plan.velocity_rad_s.fill(std::nan(""));
-  EXPECT_EQ(beyond_limits(plan, wire::PlanReject::position_limit, info), "");
-  plan.position_rad[wire::kNj + 1] = 2.5;
-  EXPECT_EQ(beyond_limits(plan, wire::PlanReject::position_limit, info),
-            "joint knee, waypoint 2: 2.500 rad, its limits are -1.000 and 2.000 rad");
-  EXPECT_EQ(beyond_limits(plan, wire::PlanReject::velocity_limit, info),
-            "joint knee, waypoint 2: 25.000 rad/s, its limit is 10.000 rad/s");
-  EXPECT_EQ(beyond_limits(plan, wire::PlanReject::too_old, info), "") << "that is about no joint";
-  plan.joint_count = plan.waypoint_count = ~0U;  // a broken Brain wrote it
-  EXPECT_NE(beyond_limits(plan, wire::PlanReject::position_limit, info), "");
 }
 
 TEST(RefusalOf, AdvisesByTheModeTheRobotIsIn) {

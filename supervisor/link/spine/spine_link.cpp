@@ -166,11 +166,11 @@ std::optional<RunningLaw> SpineLink::running_law() const {
   return running;
 }
 
-std::optional<wire::Plan> SpineLink::plan() const {
+std::int64_t SpineLink::brain_heartbeat_ns() const {
   const auto brain = ipc::Segment<ipc::BrainMemory>::attach(text_of(info_.robot), ipc::Access::read);
-  wire::Plan plan;
-  if (!brain || !ipc::ChannelReader<wire::Plan>((*brain)->plan).read(plan)) return std::nullopt;
-  return plan;
+  if (!brain) return 0;
+  // acquire, with the release store of the Brain
+  return std::atomic_ref<std::int64_t>((*brain)->header.heartbeat_ns).load(std::memory_order_acquire);
 }
 
 Quantiles SpineLink::quantiles(const ipc::HistogramMemory& histogram) const {

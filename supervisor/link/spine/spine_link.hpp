@@ -84,8 +84,8 @@ class SpineLink {
   std::vector<wire::LawInfo> laws() const;
   std::optional<wire::Params> params() const;
   std::optional<RunningLaw> running_law() const;
-  // The newest plan of the Brain; empty when there is none.
-  std::optional<wire::Plan> plan() const;
+  // The Brain's last heartbeat, by the clock of the Brain; 0 before the first.
+  std::int64_t brain_heartbeat_ns() const;
   Quantiles quantiles(const ipc::HistogramMemory& histogram) const;
   const ipc::SpineMemory& memory() const { return *spine_; }
 
