@@ -24,8 +24,8 @@
 #include "spine/robot/robot.hpp"
 #include "spine/robot/values.hpp"
 #include "supervisor/bus/plan/plan.hpp"
-#include "supervisor/bus/words.hpp"
 #include "supervisor/run/supervisor.hpp"
+#include "supervisor/serve/status.hpp"
 
 namespace lithe::control {
 namespace {
@@ -257,7 +257,7 @@ void Supervisor::serve_spine(SpineLink link) {
   link_.emplace(std::move(link));
   // Request ids start at the monotonic time [us]: two supervisors of one boot never use the same id.
   const auto first_id = static_cast<std::uint64_t>(monotonic_ns() / kNsPerUs);
-  commands_.emplace(*link_, first_id, [this] { return DriveFacts{&config_, drives_told_, bus::drive_words}; });
+  commands_.emplace(*link_, first_id, [this] { return DriveFacts{&config_, drives_told_, told_by_drive}; });
   swaps_.emplace(Swaps::Helpers{*link_, lawd_, options_.gates ? &trial_ : nullptr, *commands_, events_},
                  CertificateFiles(records_of(config_.name)), first_id, config_);
   incidents_.emplace(incidents_of(config_.name), events_);
@@ -274,7 +274,7 @@ void Supervisor::open_socket() {
       [this](const ReplyTo& to, const std::string& verb, const Json& args) { verbs_->handle(to, verb, args); })));
   verbs_.emplace(
       Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, *incidents_, events_, throttle_, adopted_,
-            shield_told_},
+            shield_told_, drives_told_},
       [this](const ReplyTo& to, const Answer& answer) {
         if (server_) server_->reply(to, answer);
       },

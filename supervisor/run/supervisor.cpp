@@ -174,7 +174,11 @@ void Supervisor::forward_spine_log() {
   while (const auto said = log_lines_.next()) {
     const std::string line = printable(*said);
     spdlog::info("spine: {}", line);
-    if (tells_drives(line)) drives_told_ = line;
+    const auto told = drives_told_in(line);
+    if (!told || *told == drives_told_) continue;
+    drives_told_ = *told;
+    events_.add(
+        {{"t_ns", monotonic_ns()}, {"tick", 0}, {"kind", "drives"}, {"text", told->empty() ? "all well" : *told}});
   }
 }
 

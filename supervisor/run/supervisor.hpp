@@ -157,7 +157,7 @@ class Supervisor {
   std::string log_path_;
   std::int64_t log_read_ = 0;
   LineBuffer log_lines_;
-  std::string drives_told_;  // its last line that says what is wrong with buses and drives
+  std::string drives_told_;  // what its last line about buses and drives says is wrong; empty = nothing
   bool adopted_ = false;
   bool stopping_ = false;
   bool stop_asked_ = false;

@@ -122,6 +122,7 @@ void see_health(const Json& status, Alarms& out) {
 Json alarms_of(const Json& status) {
   Alarms out;
   see_mode(status, out);
+  if (const std::string why = word(status, "not_ready"); !why.empty()) out.stop("NOT READY: " + why);
   for (const Json& joint : status.value("joints", Json::array())) see_joint(joint, out);
   if (word(status, "gates") == "open") out.warn("THE GATES ARE OPEN: laws are neither admitted nor tried");
   if (const std::string problem = word(status, "certificates_error"); !problem.empty())

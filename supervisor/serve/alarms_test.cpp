@@ -34,6 +34,9 @@ TEST(Alarms, ASoundRobotHasNone) {
 }
 
 TEST(Alarms, EachNamesJointValueAndWhatToDo) {
+  EXPECT_EQ(said({{"not_ready", "drive 'd': rated torque 6076h:00 = 640 mNm is not the robot file's"}}),
+            "stop: NOT READY: drive 'd': rated torque 6076h:00 = 640 mNm is not the robot file's\n");
+  EXPECT_EQ(said({{"not_ready", ""}}), "");
   EXPECT_NE(said({{"mode", "estop"}}).find("stop: the e-stop is latched"), std::string::npos);
   EXPECT_NE(said({{"mode", "safe_stop"}, {"fault", "velocity_limit"}}).find("stop: safe stop by velocity_limit"),
             std::string::npos);

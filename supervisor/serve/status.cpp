@@ -172,6 +172,10 @@ Json brain_ahead_s(const SpineLink& spine, const wire::Telemetry& now) {
 
 }  // namespace
 
+std::string told_by_drive(robot::DeviceKind kind, std::uint32_t joint_status) {
+  return bus::drive_words(kind, joint_status);
+}
+
 Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
   wire::Telemetry now{};
   const bool any = spine.latest(now);

@@ -2,11 +2,17 @@
 // The robot's status as one JSON document.
 #pragma once
 
+#include <cstdint>
+#include <string>
+
 #include "spine/robot/config.hpp"
 #include "supervisor/core/answer.hpp"
 #include "supervisor/link/spine/spine_link.hpp"
 
 namespace lithe::control {
+
+// What a drive of this kind reports: its state, and its fault with the code.
+std::string told_by_drive(robot::DeviceKind kind, std::uint32_t joint_status);
 
 // `robot`: gives the kind of each joint's drive.
 Json status_json(const SpineLink& spine, const robot::RobotConfig& robot);

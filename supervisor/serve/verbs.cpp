@@ -78,6 +78,7 @@ void Verbs::add_looks() {
         {"now", parts_.throttle.active()}, {"times", parts_.throttle.times()}, {"why", parts_.throttle.why()}};
     status["stopped_by"] = parts_.log.last_stop();
     if (const std::string holder = parts_.spine.estop_holder(); !holder.empty()) status["estop_held_by"] = holder;
+    status["not_ready"] = parts_.drives_told;
     status["alarms"] = alarms_of(status);
     reply_(to, status);
   };

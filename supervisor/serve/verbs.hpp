@@ -29,8 +29,9 @@ struct Parts {
   const Incidents& incidents;
   EventLog& log;
   const host::ThrottleWatch& throttle;
-  bool adopted;        // the Spine was started by an earlier supervisor
-  const Json& shield;  // of `lithe run --shield`; null without
+  bool adopted;                    // the Spine was started by an earlier supervisor
+  const Json& shield;              // of `lithe run --shield`; null without
+  const std::string& drives_told;  // what the Spine said last of buses and drives that are not ready; empty = none
 };
 
 // Contract: one thread · every request is answered once, now or later, through `reply`.

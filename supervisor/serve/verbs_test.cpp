@@ -33,7 +33,8 @@ class VerbsTest : public SpineRig {
     commands_.emplace(*link_, 1);
     swaps_.emplace(Swaps::Helpers{*link_, lawd_, nullptr, *commands_, log_}, CertificateFiles(folder_), 1, config_);
     verbs_.emplace(
-        Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, incidents_, log_, throttle_, false, shield_},
+        Parts{config_, *link_, lawd_, trial_, *commands_, *swaps_, incidents_, log_, throttle_, false, shield_,
+              drives_told_},
         [this](const ReplyTo&, const Answer& answer) { answers_.push_back(answer); }, [] {});
   }
   // The command that reached the Spine; empty: none.
@@ -53,6 +54,7 @@ class VerbsTest : public SpineRig {
   Incidents incidents_{folder_, log_};
   host::ThrottleWatch throttle_;
   Json shield_ = nullptr;
+  std::string drives_told_;
   std::vector<Answer> answers_;
   std::optional<ipc::MailboxReceiver<wire::Command, wire::control_segment::kCommandsDepth>> tick_;
   std::optional<Commands> commands_;

@@ -40,7 +40,7 @@ from ..identify import live
 from ..robot import Robot
 from ..vocabulary import BY_NAME, VERBS, Effect, Tier, check_names, nearest, tier_of
 from . import changes, documents, dry, happened
-from .answers import Encoded, encode, in_the_words_of_verbs, refusal, refused_by
+from .answers import Encoded, encode, in_the_words_of_verbs, refusal, refused_by, unprintable_in
 from .brief import brief, brief_detail, brief_params, brief_status, diff
 from .changes import LawWatch, unproven
 from .client import MOST_REQUEST_BYTES, Client
@@ -50,7 +50,6 @@ from .parts import chain_of, parts_of, simulation_of
 from .peer import AWAY_S, Peer, Peers
 from .records import Records
 from .references import References
-from .text import unprintable_in
 from .token import lower, write_token
 from .turns import Turns
 

@@ -11,6 +11,8 @@ from ..control import plain
 from ..errors import LitheError, NotRunning, Refused
 from ..vocabulary import in_verbs
 
+MOST_SHOWN = 100
+
 
 class Encoded(bytes):
     """A verb's result that is JSON already."""
@@ -70,3 +72,23 @@ def _with_nulls(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_with_nulls(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def unprintable_in(value: Any, name: str = "") -> str | None:
+    """The first key or text in a request that is not printable, written out harmlessly; None when all are.
+
+    Printable is what str.isprintable() says: no control characters, line ends, escapes, nothing invisible or that turns
+    the direction of writing. The supervisor asks the same of its own socket (spine/core/text.hpp). The `source` of a
+    law is not asked: it has rules of its own.
+    """
+    if not name.isprintable():
+        return repr(name[:MOST_SHOWN])
+    if isinstance(value, str) and name != "source" and not value.isprintable():
+        return repr(value[:MOST_SHOWN])
+    if isinstance(value, dict):
+        items = list(value.items())
+    elif isinstance(value, list):
+        items = [("", item) for item in value]
+    else:
+        return None
+    return next((found for key, item in items if (found := unprintable_in(item, key)) is not None), None)

@@ -215,12 +215,13 @@ Refusal refused_not_homed(CommandKind kind, const wire::Telemetry& now, const wi
 
 }  // namespace
 
-bool tells_drives(std::string_view line) {
+std::optional<std::string> drives_told_in(std::string_view line) {
   constexpr std::string_view kFrom = "lithe-spine: ";
-  if (!line.starts_with(kFrom)) return false;
+  if (!line.starts_with(kFrom)) return std::nullopt;
   line.remove_prefix(kFrom.size());
-  return line.starts_with("drive '") || line.starts_with("device '") || line.starts_with("bus '") ||
-         line.starts_with("all buses and drives are well");
+  if (line.starts_with("all buses and drives are well")) return "";
+  const bool tells = line.starts_with("drive '") || line.starts_with("device '") || line.starts_with("bus '");
+  return tells ? std::optional(std::string(line)) : std::nullopt;
 }
 
 Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry& now, const wire::RobotInfo& info,

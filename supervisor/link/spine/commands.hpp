@@ -18,13 +18,13 @@
 
 namespace lithe::control {
 
-// Whether this line of the Spine's log says what is wrong with buses and drives, or that nothing is.
-bool tells_drives(std::string_view line);
+// What this line of the Spine's log says is wrong with buses and drives; empty: nothing is. No value: another line.
+std::optional<std::string> drives_told_in(std::string_view line);
 
 // What is known of the drives behind the joints, for the words of refusals.
 struct DriveFacts {
   const robot::RobotConfig* robot = nullptr;
-  std::string_view told{};  // the last line that tells_drives()
+  std::string_view told{};                                                             // the last drives_told_in()
   std::string (*words)(robot::DeviceKind kind, std::uint32_t joint_status) = nullptr;  // what the drive reports
 };
 

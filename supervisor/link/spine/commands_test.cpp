@@ -189,16 +189,17 @@ TEST(RefusalOf, SaysWhatTheSpineToldOfADriveThatIsNotReady) {
   const std::string line =
       "lithe-spine: bus 'can0': down; drive 'drive1': servo.timeout_mode is 10: it would go on; set it to 12; "
       "device 'drive1x': silent";
-  ASSERT_TRUE(tells_drives(line));
-  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, {&robot, line});
+  const auto told = drives_told_in(line);
+  ASSERT_TRUE(told);
+  const Refusal refusal = refusal_of(CommandKind::arm, CommandResult::refused_not_ready, now, info, {&robot, *told});
   EXPECT_EQ(refusal.message,
             "cannot arm: not every drive is ready: joint hip (drive drive0) is not set up as a command would need it; "
             "the log says what to set; joint knee (drive drive1): servo.timeout_mode is 10: it would go on; set it to "
             "12");
   EXPECT_NE(refusal.next.find("lithe arm"), std::string::npos);
-  EXPECT_TRUE(tells_drives("lithe-spine: all buses and drives are well")) << "nothing is kept of what is over";
-  EXPECT_FALSE(tells_drives("lithe-spine: a law can make system calls"));
-  EXPECT_FALSE(tells_drives("drive 'drive1': from elsewhere"));
+  EXPECT_EQ(drives_told_in("lithe-spine: all buses and drives are well"), "") << "nothing is kept of what is over";
+  EXPECT_FALSE(drives_told_in("lithe-spine: a law can make system calls"));
+  EXPECT_FALSE(drives_told_in("drive 'drive1': from elsewhere"));
 }
 
 class CommandsTest : public testing::Test {
