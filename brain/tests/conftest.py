@@ -30,6 +30,8 @@ def robot(rig: RobotRig) -> Iterator[lithe.Robot]:
         warnings.simplefilter("ignore", UserWarning)  # pytest has imported numpy long ago
         connection = lithe.connect("arm")
     os.sched_setaffinity(0, cores)
+    # A disarm of the test before brakes first; nothing is latched then.
+    RobotRig.wait_for(lambda: (connection.status()["mode"], connection.status()["fault"]) != ("safe_stop", "none"))
     if connection.status()["mode"] in ("estop", "safe_stop"):
         connection.reset()
     if connection.status()["mode"] != "active":

@@ -5,7 +5,6 @@
 
 #include <string>
 
-#include "lawd/object/admission_lines.hpp"
 #include "lawd/run/child.hpp"
 #include "lawd/test/lawd_rig.hpp"
 
@@ -42,16 +41,6 @@ TEST_F(DryRunTest, ALoopThatABusyMachineBreaksOffByTheClockHasItsLineToo) {
   set_time_factor(1);
   EXPECT_NE(run.reason.find("did not return"), std::string::npos) << run.reason;
   EXPECT_GT(run.pc_offset, 0U);
-}
-
-// As g++ 14 compiles a loop that does nothing: its instructions have a line of the contract alone.
-TEST_F(DryRunTest, ALoopWithoutALineOfTheLawHasTheLineBefore) {
-  const std::string loop = "for (;;) s.sum_rad = *(volatile double*)&s.sum_rad;";
-  const LawText law{.body = "s.sum_rad += t.position_rad[0];\n# 1 \"/usr/include/contract.hpp\"\n" + loop};
-  const std::string object = object_of(law.source());
-  const DryRun run = tried(object);
-  ASSERT_GT(run.pc_offset, 0U) << run.reason;
-  EXPECT_EQ(own_place(object, run.pc_offset)["line"], 6);
 }
 
 TEST_F(DryRunTest, AStandstillOfTheMachineIsNoTimeOfTheLaw) {

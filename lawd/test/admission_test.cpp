@@ -10,6 +10,7 @@
 
 #include "lawd/object/admission_elf.hpp"
 #include "lawd/object/admission_lines.hpp"
+#include "lawd/run/dry_run.hpp"
 #include "lawd/run/files.hpp"
 #include "lawd/source/admission_tokens.hpp"
 #include "lawd/source/admission_words.hpp"
@@ -297,6 +298,21 @@ TEST(AdmissionCode, VectorInsertIsNoPortInput) {
   EXPECT_TRUE(why_instruction_is_refused("int3").empty());
 #endif
   EXPECT_TRUE(why_instruction_is_refused("add").empty());
+}
+
+// As g++ 14 compiles a loop that does nothing: its instructions have a line of the contract alone.
+TEST(AdmissionLines, ALoopWithoutALineOfTheLawHasTheLineBefore) {
+  const std::string loop = "for (;;) s.sum_rad = *(volatile double*)&s.sum_rad;";
+  const LawText law{.body = "s.sum_rad += t.position_rad[0];\n# 1 \"/usr/include/contract.hpp\"\n" + loop};
+  TestCache cache;
+  Service service(cache.path());
+  const nlohmann::json made = ask(
+      service, {{"verb", "compile"}, {"source", law.source()}, {"joints", 2}, {"admit", false}, {"dry_run", false}});
+  ASSERT_TRUE(made["ok"]) << made;
+  DryRun run = dry_run(made["object"], 2);
+  for (int i = 0; i < 20 && run.starved; ++i) run = dry_run(made["object"], 2);
+  ASSERT_GT(run.pc_offset, 0U) << run.reason;
+  EXPECT_EQ(own_place(made["object"], run.pc_offset)["line"], 6);
 }
 
 }  // namespace

@@ -27,6 +27,13 @@ inline std::uint64_t arithmetic_control() LITHE_RT {
 inline void set_arithmetic_control(std::uint64_t word) LITHE_RT { asm volatile("msr fpcr, %0" : : "r"(word)); }
 #endif
 
+// Denormal numbers count as 0 from here on. The control word before.
+inline std::uint64_t flush_denormals() LITHE_RT {
+  const std::uint64_t before = arithmetic_control();
+  set_arithmetic_control(before | kFlushDenormals);
+  return before;
+}
+
 // Calls a law's code, step or init. Every program does it in this way, so that a law computes the same everywhere.
 // Denormal numbers (below 2.2e-308) count as 0 meanwhile: on many processors they are up to 100 times slower, so a
 // filter that decays at rest would become slower and slower. The caller's own arithmetic is as before afterwards; when
@@ -34,8 +41,7 @@ inline void set_arithmetic_control(std::uint64_t word) LITHE_RT { asm volatile("
 // Contract: RT · the call itself is bounded by its caller
 template <class Call>
 LITHE_LEFT_BY_A_JUMP void with_law_arithmetic(const Call& call) LITHE_RT {
-  const std::uint64_t before = arithmetic_control();
-  set_arithmetic_control(before | kFlushDenormals);
+  const std::uint64_t before = flush_denormals();
   call();
   set_arithmetic_control(before);
 }

@@ -45,7 +45,8 @@ class Drives {
     command.tick = in.tick + 1;
     command.joints = in.joints;
     command.clear_faults = clear_ticks_left_ > 0 && mode.mode() == wire::Mode::disarmed;
-    clear_ticks_left_ = command.clear_faults ? clear_ticks_left_ - 1 : 0;  // a later fault needs another reset
+    // A reset may brake first, and clears when the drives are off. A later fault needs another reset.
+    if (!mode.brakes()) clear_ticks_left_ = command.clear_faults ? clear_ticks_left_ - 1 : 0;
     command.reset_simulation = reset_simulation_;
     reset_simulation_ = false;
     all_off_ = !mode.energised() && !mode.damps();

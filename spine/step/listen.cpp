@@ -131,6 +131,8 @@ void ControlStep::switch_off_at_rest(const Input& in) LITHE_RT {
   const bool rests = seconds(braking_.ticks_at_rest) >= kRestS;
   if (++braking_.ticks; !rests && seconds(braking_.ticks) < kMostBrakingS) return;
   mode_.switch_off();
+  // A drive that reports its fault while it brakes has latched it again.
+  if (braking_.event == event_of(CommandKind::reset)) guard_.forget_faults();
   EventText words;
   words << (rests ? "braked to rest for " : "off while a joint still moved, after braking for ");
   words.number(seconds(braking_.ticks - braking_.ticks_at_rest), 3) << " s";

@@ -147,10 +147,8 @@ std::string way_from(std::uint32_t marked_id, const SpineLink& spine) {
   for (const wire::LawInfo& law : spine.laws())
     if (law.law_id < marked_id) good = text_of(law.name);
   const std::string name = marked ? text_of(marked->name) : "its law";
-  return fmt::format(
-      "{} stopped the robot; on again without it: lithe {}, lithe reset, lithe arm; with it: lithe arm "
-      "--all-the-same",
-      name, good.empty() ? "swap hold" : "activate " + good);
+  return fmt::format("{} stopped the robot; on again without it: {}, lithe reset, lithe arm; with it: {}", name,
+                     good.empty() ? "lithe swap hold" : "lithe activate " + good, "lithe arm --all-the-same");
 }
 
 Json event_json(const wire::Event& event, const SpineLink& spine) {

@@ -21,6 +21,7 @@ constexpr int kToBoot = 400;
 constexpr int kToSettle = 200;
 constexpr int kOfFault = 1500;
 constexpr int kAfterFault = 600;
+constexpr int kMostToBrake = 4000;  // more than the 3 s that a reset brakes at most
 constexpr int kStallTicks = 250;
 
 // Stays where it is, and always wants more than it may have.
@@ -105,6 +106,7 @@ class Rig : private loop::TickBench {
     pass_turns(kAfterFault);
     out_.latched = nothing_was_undone();
     if (record_.fault != 0) send(CommandKind::reset);
+    for (int i = 0; i < kMostToBrake && mode() == loop::Mode::safe_stop; ++i) pass_turns(1);  // a reset brakes first
     pass_turns(kAfterFault);
     if (mode() == loop::Mode::disarmed) send(CommandKind::arm);
     pass_turns(kToSettle);

@@ -81,6 +81,6 @@ lithe_mutant(has_no_room_to_move robot_toml spine/robot/robot.cpp
 lithe_mutant(asks_never robot_toml spine/robot/keys/sections.cpp
   "device.rate_divider, {1, 1000}" "device.rate_divider, {0, 1000}")
 lithe_mutant(follows_beyond_the_limits segments spine/plan/check.cpp
-  "if (!inside) return PlanReject::position_limit;" "")
+  "return decision(PlanReject::position_limit, *rad, limit.position_max_rad);" "return decision(PlanReject::none);")
 lithe_mutant(forgets_to_count_repeated exchange ${hal}/bus_actuators.cpp
   "counters_.duplicate += place.device->repeated();" "")

@@ -126,6 +126,7 @@ def test_publish_says_what_the_spine_decided(remote: Remote, robot: lithe.Robot)
             decided(remote, robot, rad=100.0)
         assert refusal.value.code == "refused_plan" and "shoulder" in refusal.value.message, refusal.value.message
     remote.call("disarm")
+    RobotRig.wait_for(lambda: robot.status()["mode"] == "disarmed")  # it brakes first
     with pytest.raises(Refused) as refusal:
         decided(remote, robot)
     assert refusal.value.code == "refused_mode" and "disarmed" in refusal.value.message

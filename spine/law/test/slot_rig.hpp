@@ -9,7 +9,7 @@
 namespace lithe::law {
 
 template <class AnySlot>
-std::optional<Commit> commit_next(AnySlot& slot) LITHE_RT {
+std::optional<Commit> commit_next(AnySlot& slot) {
   Resident* candidate = slot.take();
   if (candidate == nullptr) return std::nullopt;
   return slot.commit(*candidate);

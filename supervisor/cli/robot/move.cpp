@@ -59,7 +59,7 @@ void must_not_stop(const std::string& name, const wire::RobotInfo& info) {
 }
 
 // Waits until the joint has arrived at the target, and sends heartbeats.
-void follow(View& view, const Brain& brain, const Move& move, wire::Telemetry& now) {
+void follow(View& view, const Brain& brain, const Move& move, const wire::RobotInfo& info, wire::Telemetry& now) {
   const wire::Plan& plan = move.plan;
   const std::int64_t until_ns = plan.t_ns[0] + kSettleNs;
   bool ended = false;
@@ -115,7 +115,7 @@ Json go(const std::string& robot, const Motion& motion) {
   const Move move = value_of(plan_motion(motion, info, now, monotonic_ns()));
   ipc::sign_in((*brain)->header, monotonic_ns());
   ipc::ChannelWriter<wire::Plan>((*brain)->plan).write(move.plan);
-  follow(view, *brain, move, now);
+  follow(view, *brain, move, info, now);
   return Json{{"robot", robot},
               {"joint", motion.joint},
               {"from_rad", move.from_rad},
