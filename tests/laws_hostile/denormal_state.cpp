@@ -8,8 +8,8 @@
 struct Hostile {
   struct Params {};
   struct State {
-    std::array<double, 400> z = [] {
-      std::array<double, 400> small{};
+    std::array<double, 200> z = [] {
+      std::array<double, 200> small{};
       small.fill(1e-310);
       return small;
     }();

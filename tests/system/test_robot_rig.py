@@ -86,6 +86,7 @@ COMPUTED = (  # the reason is computed there, and only there
     "test_vcan.py: pytest.skip(reason)",  # no QEMU, no kernel
     "booted.py: pytest.skip(reason)",  # the same
     "pypi.py: pytest.skip(str(why))",  # no network
+    "test_robot.py: pytest.skip('no right to make a time namespace')",  # root, or a user namespace
     "test_first_day.py: pytest.skip('no zsh here (Debian: apt-get install zsh)')",
     "simulated.py: pytest.skip(rig.log().strip().splitlines()[-1])",  # no MuJoCo
     # A kernel may refuse one to an ordinary user.
