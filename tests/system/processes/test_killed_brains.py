@@ -36,6 +36,7 @@ BEFORE_NS, AFTER_NS = 1_000_000, 9_000_000  # of a kill: what it costs the Spine
 # A difference this unlikely by chance is none. Five hundred forks and exits are a load of their own: 18 windows of 500
 # beside 6 of 863 were seen (p = 1.3e-4). A Spine that waits for its Brain would lose a tick in every window.
 SURE = 1e-7
+REACH_NS = 200_000_000  # before the middle of three plans begins: the arm gets from any of their angles to any other
 SPACING_NS = 20_000_000
 STEP_RAD = 0.65  # within SPACING_NS that is 32.5 rad/s: above the arm's 30
 NEW_BRAIN = 1_000_000  # plan ids per Brain
@@ -47,7 +48,7 @@ def fill(plan: np.ndarray[Any, Any], plan_id: int) -> None:
     """A plan that differs from the one in the same slot before it, four ids ago, in every number that counts."""
     level = plan_id % 3 - 1
     plan["plan_id"], plan["waypoint_count"], plan["joint_count"] = plan_id, _wire.NW, 1
-    plan["t_ns"] = time.monotonic_ns() + level * 2 * SPACING_NS + SPACING_NS * np.arange(1, _wire.NW + 1)
+    plan["t_ns"] = time.monotonic_ns() + REACH_NS + level * 2 * SPACING_NS + SPACING_NS * np.arange(1, _wire.NW + 1)
     plan["position_rad"] = level * STEP_RAD
     plan["velocity_rad_s"] = np.nan
 
