@@ -135,6 +135,7 @@ class File {
     JointConfig prototype;
     forget_limits(prototype);
     if (robot_.plant.kind == PlantKind::chain) forget_link(prototype.sim);
+    if (robot_.plant.kind == PlantKind::independent) prototype.sim.inertia_kg_m2 = kUnsaid;
     const toml::table* sim_defaults = nullptr;
     if (joint_defaults_ != nullptr) {
       Reader in(*joint_defaults_, "[defaults.joint]", report_);
@@ -173,13 +174,15 @@ class File {
     Reader in(table, where("joint", table), report_, joint_defaults_);
     in.identifier("name", joint.name);
     in.reference("device", joint.device, "device", names(robot_.devices));
+    const std::size_t mistakes = report_.count();
     read_joint(in, joint, Need::required);
+    const bool read_well = report_.count() == mistakes;  // else its limits are not what the file says
     Reader plant(or_empty(in.table("sim")), where("joint", table) + ".sim", report_);
     read_plant(plant, joint.sim, robot_.plant.kind);
     if (robot_.plant.kind == PlantKind::chain) settle_link(in, joint.sim);
     in.finish();
     refuse_twin(in, "joint", robot_.joints);
-    if (joint.position_min_rad >= joint.position_max_rad && has_limits(table)) {
+    if (joint.position_min_rad >= joint.position_max_rad && read_well) {
       in.complain("position_max_rad", fmt::format("{} is not above position_min_rad = {}; exchange or correct them",
                                                   joint.position_max_rad, joint.position_min_rad));
     }
@@ -195,13 +198,6 @@ class File {
     }
     owners[joint.device] = &table;
     settle_limits(in, robot_, joint);
-  }
-
-  bool has_limits(const toml::table& table) const {
-    const auto has = [&](std::string_view key) {
-      return table.get(key) != nullptr || (joint_defaults_ != nullptr && joint_defaults_->get(key) != nullptr);
-    };
-    return has("position_min_rad") && has("position_max_rad");
   }
 
   static std::string where(std::string_view kind, const toml::table& table) {

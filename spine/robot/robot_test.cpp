@@ -53,6 +53,15 @@ void expect_refused(const std::string& text, const std::string& place, const std
     EXPECT_NE(robot.message().find(phrase), std::string::npos) << robot.message() << "\nlacks: " << phrase;
 }
 
+TEST(Robot, AMistakeInOneLimitIsNoMistakeInTheOther) {
+  const Result<RobotConfig> robot =
+      parse_robot(replaced("position_max_rad = 1\n", "position_max_rad = \"1\"\n"), "r.toml");
+  ASSERT_FALSE(robot);
+  EXPECT_EQ(robot.message().find('\n'), std::string::npos) << robot.message();
+  expect_refused(replaced("position_max_rad = 1\n", "position_max_rad = -2\n"), "14:20",
+                 {"-2 is not above position_min_rad = -1"});
+}
+
 TEST(Robot, TheDeskArmLoadsAsItIsWritten) {
   const Result<RobotConfig> arm = load_robot(LITHE_ROBOTS "/arm.toml");
   ASSERT_TRUE(arm) << arm.message();

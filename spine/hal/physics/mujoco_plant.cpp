@@ -4,6 +4,7 @@
 #ifdef LITHE_MUJOCO
 
 #include <dlfcn.h>
+#include <fmt/format.h>
 #include <mujoco/mujoco.h>
 
 #include <algorithm>
@@ -21,6 +22,7 @@ namespace lithe::hal::sim {
 namespace {
 
 constexpr std::size_t kMaxModelBytes = std::size_t{64} << 20;
+constexpr double kRoundingRad = 1e-4;  // what is advised has so many digits
 
 // The functions used of the library, which stays loaded.
 struct Library {
@@ -140,10 +142,32 @@ class MujocoPlant final : public Mechanism {
     const int id = library_.find(model_.get(), mjOBJ_JOINT, joint.name.c_str());
     if (id < 0) return Error{"there is no joint '" + joint.name + "'; its hinges: " + hinges()};
     if (model_->jnt_type[id] != mjJNT_HINGE) return Error{"joint '" + joint.name + "' is no hinge"};
+    if (Result<> checked = check_range(joint, id); !checked) return checked;
     Joint own{model_->jnt_qposadr[id], model_->jnt_dofadr[id], Plant::lag_gain(joint.torque_lag_s),
               joint.torque_max_nm};
     own.position_rad = own.from_rad = own.start_rad = joint.initial_position_rad;
     joints_.push_back(own);
+    return done();
+  }
+
+  // Against its stop in the model a joint would never arrive, and from beyond it it would leap.
+  Result<> check_range(const MujocoJoint& joint, int id) const {
+    if (model_->jnt_limited[id] == 0) return done();
+    const double least_rad = model_->jnt_range[2 * id], most_rad = model_->jnt_range[2 * id + 1];
+    const auto inside = [&](double rad) { return rad >= least_rad - kRoundingRad && rad <= most_rad + kRoundingRad; };
+    const std::string range =
+        fmt::format("joint '{}' turns from {:.4g} to {:.4g} rad in the model", joint.name, least_rad, most_rad);
+    if (!inside(joint.position_min_rad) || !inside(joint.position_max_rad))
+      return Error{
+          fmt::format("{}, and from {:g} to {:g} by the robot file: write position_min_rad = {:.4f} and "
+                      "position_max_rad = {:.4f}, or give it a wider range in the model",
+                      range, joint.position_min_rad, joint.position_max_rad,
+                      std::max(joint.position_min_rad, least_rad), std::min(joint.position_max_rad, most_rad))};
+    if (!inside(joint.initial_position_rad))
+      return Error{
+          fmt::format("{}, and starts at {:g}: write an initial_position_rad inside that range in its "
+                      "[joint.sim]",
+                      range, joint.initial_position_rad)};
     return done();
   }
 

@@ -47,7 +47,8 @@ Result<std::unique_ptr<Mechanism>> make_model(const robot::RobotConfig& config) 
   MujocoParams params{config.plant.model, std::llround(1e9 * config.plant.step_s), {}};
   for (const robot::JointConfig& joint : config.joints) {
     const PlantParams plant = plant_of(config, joint, draw_truth(config, joint));
-    params.joints.push_back({joint.name, plant.initial_position_rad, plant.torque_lag_s, plant.torque_max_nm});
+    params.joints.push_back({joint.name, plant.initial_position_rad, plant.torque_lag_s, plant.torque_max_nm,
+                             joint.position_min_rad, joint.position_max_rad});
   }
   return open_mujoco(params);
 }

@@ -309,5 +309,23 @@ TEST(Mechanism, WhatAModelLacksIsNamed) {
   EXPECT_NE(Robot(lost).why.find("/nowhere/leg.xml"), std::string::npos);
 }
 
+// The file's limits and the start: a joint at its stop in the model never arrives, and one beyond it leaps.
+TEST(Mechanism, AModelThatTurnsLessThanTheRobotFileSaysIsRefusedWithWhatToWrite) {
+  std::string narrow = model_of(kArm);
+  narrow.insert(narrow.find("type='hinge'"), "limited='true' range='-30 30' ");
+  const auto why = [&](double least_rad, double most_rad, double start_rad) {
+    robot::RobotConfig robot = model_robot(kArm, narrow);
+    robot.joints[0].position_min_rad = least_rad;
+    robot.joints[0].position_max_rad = most_rad;
+    robot.joints[0].sim.initial_position_rad = start_rad;
+    return Robot(robot).why;
+  };
+  if (why(0, 0, 0).find("libmujoco-dev") != std::string::npos) GTEST_SKIP() << why(0, 0, 0);
+  EXPECT_NE(why(-2.5, 0.5, 0).find("write position_min_rad = -0.5236 and position_max_rad = 0.5000"), std::string::npos)
+      << why(-2.5, 0.5, 0);
+  EXPECT_EQ(why(-0.5236, 0.5, 0).find("turns from"), std::string::npos) << "what was advised will do";
+  EXPECT_NE(why(-0.5236, 0.5, 1.5).find("and starts at 1.5"), std::string::npos) << why(-0.5236, 0.5, 1.5);
+}
+
 }  // namespace
 }  // namespace lithe::hal

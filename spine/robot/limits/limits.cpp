@@ -46,12 +46,18 @@ void fill_in(const RobotConfig& robot, JointConfig& joint) {
   if (std::isnan(joint.inertia_min_kg_m2)) joint.inertia_min_kg_m2 = joint.inertia_max_kg_m2;
 }
 
+// Two digits, rounded by std::floor or std::ceil to the side that does what is advised.
+double rounded(double value, double (*to)(double)) {
+  const double digit = std::pow(10.0, std::floor(std::log10(std::max(value, 1e-12))) - 1);
+  return to(value / digit) * digit;
+}
+
 void check(Reader& in, const JointConfig& joint, bool load_declared) {
   if (load_declared && joint.load_max_nm > kMostLoad * joint.torque_max_nm) {
-    in.complain("load_max_nm",
-                fmt::format("{} is more than {} of torque_max_nm = {}: what is left does not brake the "
-                            "joint; give it a torque_max_nm of {:.3g}, or less to carry",
-                            joint.load_max_nm, kMostLoad, joint.torque_max_nm, joint.load_max_nm / kMostLoad));
+    in.complain("load_max_nm", fmt::format("{} is more than {} of torque_max_nm = {}: what is left does not brake the "
+                                           "joint; write torque_max_nm = {:.2g} or more, or give it less to carry",
+                                           joint.load_max_nm, kMostLoad, joint.torque_max_nm,
+                                           rounded(joint.load_max_nm / kMostLoad, std::ceil)));
   }
   if (joint.inertia_min_kg_m2 > joint.inertia_max_kg_m2) {
     in.complain("inertia_min_kg_m2", fmt::format("{} is more than inertia_max_kg_m2 = {}; exchange or correct them",
@@ -62,12 +68,6 @@ void check(Reader& in, const JointConfig& joint, bool load_declared) {
 // Left over of the phase margin, at the least inertia: 20 degrees.
 constexpr double kLeastMargin = 0.35;
 
-// Two digits, rounded down: what is advised must do.
-double advised(double value) {
-  const double digit = std::pow(10.0, std::floor(std::log10(std::max(value, 1e-12))) - 1);
-  return std::floor(value / digit) * digit;
-}
-
 // The largest of a gain up to `most` that leaves the margin; the smaller, the more of it.
 template <class Margin>
 double largest(double most, Margin margin) {
@@ -76,55 +76,59 @@ double largest(double most, Margin margin) {
     const double middle = 0.5 * (good + most);
     (margin(middle) >= kLeastMargin ? good : most) = middle;
   }
-  return advised(good);
+  return rounded(good, std::floor);
 }
 
 void check_gain(Reader& in, std::string_view key, double gain, std::string_view most_key, double most) {
   if (gain > most) {
-    in.complain(key, fmt::format("{:g} is more than {} = {:g}, the most this drive may be given; lower it, or raise {}",
-                                 gain, most_key, most, most_key));
+    in.complain(
+        key,
+        fmt::format("{:g} is more than {} = {}, the most this drive may be given; write {} = {} or less, or raise {}",
+                    gain, most_key, most, key, most, most_key));
   }
+}
+
+// Left over of the phase margin with these gains, at the least inertia.
+double safe_margin_rad(const RobotConfig& robot, const JointConfig& joint, double kp_nm_rad, double kd_nm_s_rad) {
+  const double delay_s = reaction_s(robot, joint) + 1 / robot.rate_hz + 0.5 * drive_period_s(robot, joint);
+  return phase_margin_rad(joint.inertia_min_kg_m2, kp_nm_rad, kd_nm_s_rad, delay_s);
 }
 
 // The safe law must not shake the joint that it shall stop.
 void check_safe_gains(Reader& in, const RobotConfig& robot, const JointConfig& joint) {
-  const double delay_s = reaction_s(robot, joint) + 1 / robot.rate_hz + 0.5 * drive_period_s(robot, joint);
-  const double inertia = joint.inertia_min_kg_m2, kd = joint.safe_kd_nm_s_rad, kp = joint.safe_kp_nm_rad;
-  const auto margin = [&](double stiffness, double damping) {
-    return phase_margin_rad(inertia, stiffness, damping, delay_s);
+  if (safe_gains_fit(robot, joint)) return;
+  const double kd = joint.safe_kd_nm_s_rad, kp = joint.safe_kp_nm_rad;
+  const auto complain = [&](std::string_view key, const std::string& gains, double most) {
+    in.complain(key,
+                fmt::format("{} shakes a joint of inertia_min_kg_m2 = {:g} whose torque comes {:.2g} s late; "
+                            "write {} = {:.2g} or less",
+                            gains, joint.inertia_min_kg_m2, reaction_s(robot, joint) + 1 / robot.rate_hz, key, most));
   };
-  const std::string_view why =
-      "shakes a joint of inertia_min_kg_m2 = {:g} whose torque comes {:.2g} s late; give at most {:.2g}";
-  if (margin(0, kd) < kLeastMargin) {
-    in.complain("safe_kd_nm_s_rad",
-                fmt::format("{:g} {}", kd,
-                            fmt::format(fmt::runtime(why), inertia, delay_s,
-                                        largest(kd, [&](double each) { return margin(0, each); }))));
-  } else if (kp > 0 && margin(kp, kd) < kLeastMargin) {
-    in.complain("safe_kp_nm_rad", fmt::format("{:g} with safe_kd_nm_s_rad = {:g} {}", kp, kd,
-                                              fmt::format(fmt::runtime(why), inertia, delay_s,
-                                                          largest(kp, [&](double each) { return margin(each, kd); }))));
+  if (safe_margin_rad(robot, joint, 0, kd) < kLeastMargin) {
+    complain("safe_kd_nm_s_rad", fmt::format("{:g}", kd),
+             largest(kd, [&](double each) { return safe_margin_rad(robot, joint, 0, each); }));
+  } else {
+    complain("safe_kp_nm_rad", fmt::format("{:g} with safe_kd_nm_s_rad = {:g}", kp, kd),
+             largest(kp, [&](double each) { return safe_margin_rad(robot, joint, each, kd); }));
   }
 }
 
-// The fastest from which the joint stops within its whole range.
-double fastest_rad_s(const RobotConfig& robot, const JointConfig& joint, double range_rad) {
-  double slow = 0, fast = joint.velocity_max_rad_s;
-  for (int i = 0; i < 40; ++i) {
-    const double middle = 0.5 * (slow + fast);
-    (stopping_way_rad(robot, joint, middle) <= range_rad ? slow : fast) = middle;
-  }
-  return slow;
-}
-
-void note_way(RobotConfig& robot, const JointConfig& joint) {
+// The value of `key` from which on the joint stops inside its range from its top speed, on the way from what it is to
+// `most`: two digits, rounded towards `most`. NaN: none is.
+double value_that_stops(const RobotConfig& robot, JointConfig joint, double JointConfig::* key, double most) {
   const double range_rad = joint.position_max_rad - joint.position_min_rad;
-  const double way_rad = stopping_way_rad(robot, joint, joint.velocity_max_rad_s);
-  if (range_rad <= 0 || way_rad <= range_rad) return;
-  robot.notes.push_back(fmt::format(
-      "joint \"{}\" needs {:.2g} rad to stop from velocity_max_rad_s = {:g} and has {:.2g}: the guard keeps it slower; "
-      "{:.2g} rad/s can be kept, or more torque_max_nm, less load_max_nm, less inertia_max_kg_m2",
-      joint.name, way_rad, joint.velocity_max_rad_s, range_rad, fastest_rad_s(robot, joint, range_rad)));
+  const auto stops = [&](double value) {
+    joint.*key = value;
+    return stopping_way_rad(robot, joint, joint.velocity_max_rad_s) <= range_rad;
+  };
+  double bad = joint.*key, good = most;
+  if (!stops(good)) return kUnsaid;
+  for (int i = 0; i < 40; ++i) {
+    const double middle = 0.5 * (good + bad);
+    (stops(middle) ? good : bad) = middle;
+  }
+  const double told = most < bad ? std::max(rounded(good, std::floor), most) : std::min(rounded(good, std::ceil), most);
+  return stops(told) ? told : most;
 }
 
 // What tests/limits shows holds from this rate on.
@@ -151,8 +155,42 @@ void forget_limits(JointConfig& joint) {
   joint.load_max_nm = joint.inertia_max_kg_m2 = joint.inertia_min_kg_m2 = kUnsaid;
 }
 
+std::string way_advice(const RobotConfig& robot, const JointConfig& joint) {
+  const double range_rad = joint.position_max_rad - joint.position_min_rad;
+  const double way_rad = stopping_way_rad(robot, joint, joint.velocity_max_rad_s);
+  if (range_rad <= 0 || way_rad <= range_rad) return {};
+  std::string mends;
+  const auto offer = [&](const char* name, double JointConfig::* key, double most) {
+    const double value = value_that_stops(robot, joint, key, most);
+    if (std::isnan(value)) return;
+    mends +=
+        fmt::format("{}{} = {:.4g} or {}", mends.empty() ? "" : "; ", name, value, most < joint.*key ? "less" : "more");
+  };
+  offer("velocity_max_rad_s", &JointConfig::velocity_max_rad_s, 1e-3 * joint.velocity_max_rad_s);
+  offer("inertia_min_kg_m2", &JointConfig::inertia_min_kg_m2, joint.inertia_max_kg_m2);
+  offer("load_max_nm", &JointConfig::load_max_nm, 0);
+  offer("torque_max_nm", &JointConfig::torque_max_nm, 10 * joint.torque_max_nm);
+  offer("inertia_max_kg_m2", &JointConfig::inertia_max_kg_m2,
+        std::max(joint.inertia_min_kg_m2, joint.inertia_max_kg_m2 / 2));
+  if (mends.empty() && joint.inertia_min_kg_m2 < joint.inertia_max_kg_m2)
+    mends = fmt::format("inertia_min_kg_m2 = {} first, then see what else it needs", joint.inertia_max_kg_m2);
+  if (mends.empty()) mends = fmt::format("position_max_rad = {:.4g} or more", joint.position_min_rad + 1.01 * way_rad);
+  return fmt::format(
+      "needs {:.4g} rad to stop from velocity_max_rad_s = {:g} and has {:.4g}: the guard keeps it "
+      "slower; where it is true, write {}",
+      way_rad, joint.velocity_max_rad_s, range_rad, mends);
+}
+
+bool safe_gains_fit(const RobotConfig& robot, const JointConfig& joint) {
+  const double kd = joint.safe_kd_nm_s_rad, kp = joint.safe_kp_nm_rad;
+  return safe_margin_rad(robot, joint, 0, kd) >= kLeastMargin &&
+         (kp <= 0 || safe_margin_rad(robot, joint, kp, kd) >= kLeastMargin);
+}
+
 void settle_limits(Reader& in, RobotConfig& robot, JointConfig& joint) {
   const bool load = !std::isnan(joint.load_max_nm), inertia = !std::isnan(joint.inertia_max_kg_m2);
+  if (std::isnan(joint.sim.inertia_kg_m2))  // what is simulated is the joint that the file describes
+    joint.sim.inertia_kg_m2 = inertia ? joint.inertia_max_kg_m2 : PlantConfig{}.inertia_kg_m2;
   joint.inertia_declared = inertia;
   fill_in(robot, joint);
   check(in, joint, load);
@@ -169,7 +207,8 @@ void settle_limits(Reader& in, RobotConfig& robot, JointConfig& joint) {
         !load && !inertia ? "load_max_nm and inertia_max_kg_m2" : (load ? "inertia_max_kg_m2" : "load_max_nm"),
         joint.load_max_nm, joint.inertia_max_kg_m2));
   }
-  note_way(robot, joint);
+  if (const std::string advice = way_advice(robot, joint); !advice.empty())
+    robot.notes.push_back(fmt::format("joint \"{}\" {}", joint.name, advice));
   note_rate(robot, joint);
 }
 

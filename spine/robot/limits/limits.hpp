@@ -3,6 +3,8 @@
 // the guard can keep the limits with it.
 #pragma once
 
+#include <string>
+
 #include "spine/robot/config.hpp"
 #include "spine/robot/read/reader.hpp"
 
@@ -19,5 +21,12 @@ bool is_simulated(const RobotConfig& robot, const JointConfig& joint);
 // values, and limits that are kept only at a lower speed.
 // Contract: never in the tick · the joint's device is known
 void settle_limits(Reader& in, RobotConfig& robot, JointConfig& joint);
+
+// Why the joint does not stop inside its range from its top speed, and the values that alone would change it, as a user
+// reads it; "" when it does.
+std::string way_advice(const RobotConfig& robot, const JointConfig& joint);
+
+// Whether the safe law's gains leave enough phase margin at the joint's least inertia (stopping.hpp).
+bool safe_gains_fit(const RobotConfig& robot, const JointConfig& joint);
 
 }  // namespace lithe::robot

@@ -62,7 +62,7 @@ TEST(Limits, ARealJointThatSaysNothingIsReckonedCarefullyAndTold) {
 TEST(Limits, ALoadThatLeavesNothingToBrakeWithIsRefused) {
   const std::string message = mistake(kReal + kDrive + kArm + kDamped + "load_max_nm = 0.59\n");
   EXPECT_TRUE(says(message, "load_max_nm")) << message;
-  EXPECT_TRUE(says(message, "torque_max_nm of 0.656")) << message;
+  EXPECT_TRUE(says(message, "write torque_max_nm = 0.66 or more")) << message;
 }
 
 TEST(Limits, ARangeTooShortToStopInIsToldWithTheSpeedThatCanBeKept) {
@@ -70,15 +70,20 @@ TEST(Limits, ARangeTooShortToStopInIsToldWithTheSpeedThatCanBeKept) {
   text.replace(text.find("position_max_rad = 3"), 20, "position_max_rad = -1");
   const RobotConfig robot = parsed(text);
   ASSERT_EQ(robot.notes.size(), 2U) << "and it starts outside";
-  EXPECT_TRUE(says(robot.notes[0], "needs 3.6 rad to stop")) << robot.notes[0];
-  EXPECT_TRUE(says(robot.notes[0], "rad/s can be kept")) << robot.notes[0];
+  EXPECT_TRUE(says(robot.notes[0], "needs 3.596 rad to stop")) << robot.notes[0];
+  const std::size_t advice = robot.notes[0].find("write velocity_max_rad_s = ");
+  ASSERT_NE(advice, std::string::npos) << robot.notes[0];
+  const std::string most = robot.notes[0].substr(advice + 27, robot.notes[0].find(' ', advice + 27) - advice - 27);
+  text.replace(text.find("velocity_max_rad_s = 30"), 23, "velocity_max_rad_s = " + most);
+  EXPECT_EQ(parsed(text).notes.size(), 1U) << "with " << most << " it can be kept";
 }
 
 TEST(Limits, SafeGainsThatShakeTheJointAreRefusedWithTheNumberThatWouldDo) {
   std::string shaking = kSimulated + kDrive + kArm + "safe_kd_nm_s_rad = 2\n" + kKnown;
   std::string message = mistake(shaking);
   EXPECT_TRUE(says(message, "safe_kd_nm_s_rad: 2 shakes a joint")) << message;
-  const std::string most = message.substr(message.find("at most ") + 8);
+  const std::size_t advice = message.find("write safe_kd_nm_s_rad = ") + 25;
+  const std::string most = message.substr(advice, message.find(' ', advice) - advice);
   shaking.replace(shaking.find("= 2\n"), 4, "= " + most + "\n");
   EXPECT_EQ(mistake(shaking), "none") << most;
 
