@@ -196,8 +196,10 @@ int run_trial(const TrialSetup& setup, const TrialRequest& request, const Limits
   std::ranges::transform(params, g_report.param_values.begin(), &Param::value);
   g_report.params = static_cast<std::uint32_t>(params.size());
   context.times_ns.reserve(kTimingInputs);
-  // A MuJoCo model allocates when meshes touch; the law must not get a system call for this.
-  if (setup.robot.plant.kind == robot::PlantKind::mujoco && !keep_heap(kHeapOfAModel)) return give_up("no memory");
+  // A MuJoCo model allocates when meshes touch, and the guard of a simulated run holds its model on the heap; the law
+  // must not get a system call for this.
+  const bool allocates = setup.robot.plant.kind == robot::PlantKind::mujoco || setup.robot.model.given;
+  if (allocates && !keep_heap(kHeapOfAModel)) return give_up("no memory");
   if (const auto shut = guard_computing(setup); !shut) return give_up(shut.message().c_str());
   run_parts(context, request.box_ms);
   g_report.ended = 1;

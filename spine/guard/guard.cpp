@@ -67,6 +67,11 @@ void Guard::configure(const robot::RobotConfig& robot) {
   configure_groups(robot);
   safe_law_.configure(robot);
   recovery_.configure(robot);
+  together_.reset();
+  if (robot.model.given) {
+    together_ = std::make_unique<Coordinated>();
+    together_->configure(robot);
+  }
   reset_output();
 }
 
@@ -95,9 +100,11 @@ void Guard::reset_output() LITHE_RT {
     joint.envelope.forget();
     safe_law_.rearm(j);
   }
+  if (together_ != nullptr) together_->observer().forget();
 }
 
 void Guard::dispatched() LITHE_RT {
+  if (together_ != nullptr) together_->observer().dispatched();
   for (std::size_t j = 0; j < joints_; ++j) joint_[j].sent = joint_[j].last;
 }
 
@@ -118,13 +125,21 @@ Verdict Guard::check(const Input& in, JointCommands& out) LITHE_RT {
   verdict.fault = fault;
   verdict.recovering = in.mode == Mode::recover;
   descend_all(in, verdict.use_safe_law);
+  if (together_ != nullptr) observe(in);
   if (verdict.recovering && !verdict.use_safe_law) {
-    recover(in, out, verdict);
+    if (together_ != nullptr)
+      decide_together(in, out, verdict);
+    else
+      recover(in, out, verdict);
     return verdict;
   }
   if (!verdict.use_safe_law) {
     soft_start_ = std::min(soft_start_ + rules_.soft_start_step, 1.0);
     if (soft_start_ < 1) verdict.flags |= flag::kSoftStarting;
+  }
+  if (together_ != nullptr) {
+    decide_together(in, out, verdict);
+    return verdict;
   }
   for (std::size_t j = 0; j < joints_; ++j) {
     Rung& rung = joint_[j].rung = group_[joint_[j].group].rung;

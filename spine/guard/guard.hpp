@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 
 #include "lithe/law.hpp"
@@ -14,6 +15,7 @@
 #include "spine/guard/envelope.hpp"
 #include "spine/guard/recovery.hpp"
 #include "spine/guard/safe_law.hpp"
+#include "spine/guard/together/coordinated.hpp"
 #include "spine/robot/config.hpp"
 #include "spine/robot/limits/drive_loop.hpp"
 #include "spine/wire/wire.hpp"
@@ -65,6 +67,9 @@ struct Group {
 // N such steps at once. The prediction has errors: under adversarial laws the simulated joint had larger steps
 // (tests/limits), up to 2.1 (arm), 2.0 (frankenstein) and 4 times (chain; 6 times if every drive is asked in every tick
 // at 4 to 10 kHz), and in the rarest of 20,000 further runs 2.9, 2.3 and 6.8 times. Disarming and e-stop have no slew.
+//
+// With a [model] in the robot file, the last step is one for all joints (Coordinated), at the state that its Observer
+// predicts; the fading before a limit and Envelope are for robots without one.
 //
 // A joint without a usable sample is braked by its drive, which knows its own velocity. The feed-forward fades, then
 // damping grows to safe_kd_nm_s_rad. Both are within the slew bound up to the speed that is a fault.
@@ -162,6 +167,12 @@ class Guard {
     double now_nm, least_nm, most_nm;
   };
 
+  // What a joint shall do, before the torques of all are bounded together.
+  struct Proposal {
+    Command command{};
+    double most_nm = 0, wanted_nm = 0;
+  };
+
   void configure_groups(const robot::RobotConfig& robot);
 
   // faults.cpp
@@ -172,6 +183,17 @@ class Guard {
   void latch(const Joint& joint, std::size_t j, wire::Fault fault) LITHE_RT;
   void descend(Group& group, bool at_rest, bool seen_at_rest) LITHE_RT;
   void descend_all(const Input& in, bool all) LITHE_RT;
+
+  // coupled.cpp
+  void observe(const Input& in) LITHE_RT;
+  void decide_together(const Input& in, JointCommands& out, Verdict& verdict) LITHE_RT;
+  Proposal propose_law(std::size_t j, const Input& in) LITHE_RT;
+  Proposal propose_safe_law(std::size_t j) LITHE_RT;
+  Proposal propose_recovery(std::size_t j) LITHE_RT;
+  void choose(std::size_t j, const Proposal& proposal, Choice& choice, JointArray& torque_nm, std::uint32_t& flags)
+      LITHE_RT;
+  void settle_torque(std::size_t j, const Input& in, Command command, double torque_nm, double most_nm,
+                     JointCommands& out) LITHE_RT;
 
   void apply_law(std::size_t j, const Input& in, JointCommands& out, std::uint32_t& flags) LITHE_RT;
   void apply_safe_law(std::size_t j, const Input& in, JointCommands& out, std::uint32_t& flags) LITHE_RT;
@@ -199,6 +221,7 @@ class Guard {
   double soft_start_ = 1;     // share of the torque limits that a law may use
   SafeLaw safe_law_;
   Recovery recovery_;
+  std::unique_ptr<Coordinated> together_;  // null without a model; too large for a stack
 };
 
 }  // namespace lithe::guard

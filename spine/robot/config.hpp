@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "spine/mechanics/tree.hpp"
 #include "spine/robot/kinds.hpp"
 
 namespace lithe::robot {
@@ -171,6 +172,24 @@ struct PlantConfig {
   std::uint64_t seed = 1;
 };
 
+// [joint.model]: the joint's link and its drive as the guard knows them.
+struct JointModel {
+  bool given = false;
+  mechanics::Link link;
+  double torque_lag_s = 1e-3;             // of the motor, first order
+  double velocity_filter_rad_s = 1256.6;  // bandwidth of the filter behind the drive's measured speed
+  // Settled when the file is read (limits/model.hpp).
+  double allotted_rad_s2 = 0;  // deceleration that all joints can have at once
+  double kp_most_nm_rad = 0, kd_most_nm_s_rad = 0;
+};
+
+// [model]: with it the guard keeps the limits of all joints together; without it, of each joint alone.
+struct ModelConfig {
+  bool given = false;
+  mechanics::Vector gravity_m_s2{0, 0, -9.81};  // in the base's frame
+  double error = 0.4;                           // share by which an acceleration that it gives may be wrong
+};
+
 // Coordinates: position_rad = sign * device_rad / ratio + zero_rad; torque_nm = sign * ratio * device_nm.
 struct JointConfig {
   std::string name;
@@ -199,6 +218,7 @@ struct JointConfig {
   double inertia_min_kg_m2 = 0.0;
   bool inertia_declared = false;  // by the file; else both are taken from its simulation, or assumed
   double drive_lag_s = 0.003;     // command to torque, plus motion to measured speed
+  JointModel model;
   PlantConfig sim;
 };
 
@@ -213,6 +233,7 @@ struct RobotConfig {
   BrainConfig brain;
   SwapConfig swap;
   MechanismConfig plant;
+  ModelConfig model;
   std::vector<BusConfig> buses;
   std::vector<DeviceConfig> devices;
   std::vector<JointConfig> joints;

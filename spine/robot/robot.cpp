@@ -11,6 +11,7 @@
 #include "spine/core/text.hpp"
 #include "spine/robot/keys/sections.hpp"
 #include "spine/robot/limits/limits.hpp"
+#include "spine/robot/limits/model.hpp"
 #include "spine/robot/read/reader.hpp"
 
 namespace lithe::robot {
@@ -30,6 +31,10 @@ class File {
     section("guard", [&](Reader& in) { read_guard(in, robot_.guard); });
     section("brain", [&](Reader& in) { read_brain(in, robot_.brain); });
     section("swap", [&](Reader& in) { read_swap(in, robot_.swap); });
+    if (const toml::table* model = top_.table("model")) {
+      Reader in(*model, "[model]", report_);
+      read_model(in, robot_.model);
+    }
     section("plant", [&](Reader& in) { read_mechanism(in, robot_.plant); });
     if (const toml::table* defaults = top_.table("defaults")) read_defaults(*defaults);
     read_buses();
@@ -37,6 +42,7 @@ class File {
     if (kinds_known_) {  // else it is not known what joints and sensors may ask of their devices
       read_joints();
       read_sensors();
+      if (report_.empty()) settle_model(top_, robot_);
     } else {
       top_.tables("joint");
       top_.tables("sensor", Need::optional);
@@ -180,6 +186,10 @@ class File {
     Reader plant(or_empty(in.table("sim")), where("joint", table) + ".sim", report_);
     read_plant(plant, joint.sim, robot_.plant.kind);
     if (robot_.plant.kind == PlantKind::chain) settle_link(in, joint.sim);
+    if (const toml::table* own = in.table("model")) {
+      Reader model(*own, where("joint", table) + ".model", report_);
+      read_joint_model(model, robot_, joint.model);
+    }
     in.finish();
     refuse_twin(in, "joint", robot_.joints);
     if (joint.position_min_rad >= joint.position_max_rad && read_well) {

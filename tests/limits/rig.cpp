@@ -16,7 +16,11 @@ constexpr double kStepS = 1e-9 * static_cast<double>(Plant::kStepNs);
 // The joints of a robot, each on its own or as a chain.
 class Joints {
  public:
-  explicit Joints(const robot::RobotConfig& robot) {
+  explicit Joints(const Run& run) {
+    const robot::RobotConfig& robot = run.robot;
+    std::mt19937_64 dice(run.seed + 99);
+    const auto within = [&](double share) { return 1 + std::uniform_real_distribution<double>(-share, share)(dice); };
+    const double payload_kg = run.payload_kg * std::uniform_real_distribution<double>(0, 1)(dice);
     hal::sim::ChainParams chain;
     chain.gravity_m_s2 = robot.plant.gravity_m_s2;
     for (const robot::JointConfig& joint : robot.joints) {
@@ -32,9 +36,25 @@ class Joints {
                                         .seed = sim.seed};
       chain.links.push_back(
           {sim.length_m, sim.mass_kg, sim.center_m, sim.link_inertia_kg_m2, sim.rotor_inertia_kg_m2, plant});
+      hal::sim::ChainLink& link = chain.links.back();
+      const double mass = within(run.model_error);
+      link.mass_kg *= mass;
+      link.inertia_kg_m2 *= mass;
+      link.rotor_inertia_kg_m2 *= within(run.model_error);
+      link.center_m *= within(0.4 * run.model_error);
+      if (payload_kg > 0 && &joint == &robot.joints.back()) add_at_tip(link, payload_kg);
       plants_.emplace_back(plant);
     }
     if (robot.plant.kind == robot::PlantKind::chain) chain_ = std::make_unique<hal::sim::Chain>(chain);
+  }
+
+  static void add_at_tip(hal::sim::ChainLink& link, double mass_kg) {
+    const double whole = link.mass_kg + mass_kg;
+    const double center = (link.mass_kg * link.center_m + mass_kg * link.length_m) / whole;
+    const double moved = center - link.center_m, away = link.length_m - center;
+    link.inertia_kg_m2 += link.mass_kg * moved * moved + mass_kg * away * away;
+    link.center_m = center;
+    link.mass_kg = whole;
   }
 
   void step(std::span<const double> torque_nm) {
@@ -177,13 +197,16 @@ class Player {
  public:
   explicit Player(const Run& run)
       : run_(run),
-        joints_(run.robot),
+        joints_(run),
         count_(run.robot.joints.size()),
         law_(run, count_),
         random_(run.seed + 7),
         draws_(run.seed) {
     guard_.configure(run.robot);
     torque_nm_.resize(count_);
+    std::mt19937_64 dice(run.seed + 55);
+    for (std::size_t j = 0; j < count_; ++j)
+      gain_.push_back(1 + std::uniform_real_distribution<double>(-run.gain_error, run.gain_error)(dice));
     for (std::size_t j = 0; j < count_; ++j) {
       const robot::JointConfig& joint = run.robot.joints[j];
       const double at = drives_[j].read_rad = drives_[j].tracked_rad = joints_.position_rad(j);
@@ -209,7 +232,7 @@ class Player {
       stale = late ? stale + 1 : 0;
       if (!late) {
         command();
-        guard_.dispatched();
+        if (!run_.never_dispatched) guard_.dispatched();
         before_ = sample_;
         look();
         taken_ = t;
@@ -247,7 +270,6 @@ class Player {
 
   // The last output reaches the drives that are asked in this tick.
   void command() {
-    if (exchanges_ == 0) return;
     for (std::size_t j = 0; j < count_; ++j) {
       if (!asked(j)) continue;
       Drive& drive = drives_[j];
@@ -297,7 +319,7 @@ class Player {
 
   void advance() {
     for (std::size_t j = 0; j < count_; ++j)
-      torque_nm_[j] = drives_[j].wanted_nm() + (run_.bias_nm.empty() ? 0 : run_.bias_nm[j]);
+      torque_nm_[j] = gain_[j] * drives_[j].wanted_nm() + (run_.bias_nm.empty() ? 0 : run_.bias_nm[j]);
     joints_.step(torque_nm_);
     for (std::size_t j = 0; j < count_; ++j) {
       const robot::JointConfig& joint = run_.robot.joints[j];
@@ -323,7 +345,7 @@ class Player {
   std::array<bool, kMaxJoints> from_above_{};
   std::array<Drive, kMaxJoints> drives_{};
   std::vector<std::uint32_t> dividers_;
-  std::vector<double> torque_nm_;
+  std::vector<double> torque_nm_, gain_;
   std::mt19937_64 misses_{run_.seed + 8};
   std::array<int, kMaxJoints> missed_{};
   Sample sample_, before_;

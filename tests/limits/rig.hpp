@@ -46,7 +46,11 @@ struct Run {
   bool missed_answers = false;    // now and then a drive's answers are lost, eight in a row at most
   bool noise = false;             // each reading of an encoder is off by its plant's encoder_noise_rad
   bool recover = false;           // no law runs: the guard brings the joints inside
-  std::vector<double> bias_nm;    // of each joint: what pulls at it beside the declared plant
+  bool never_dispatched = false;  // the guard is not told that its outputs were sent
+  double model_error = 0;  // of a chain: masses, inertias and 0.4 of it centres differ from the file, up to this share
+  double gain_error = 0;   // the drives' torque differs, up to this share
+  double payload_kg = 0;   // at the tip of a chain, up to this
+  std::vector<double> bias_nm;  // of each joint: what pulls at it beside the declared plant
 };
 
 struct Extremes {

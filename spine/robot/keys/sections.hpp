@@ -30,6 +30,10 @@ void read_joint(Reader& in, JointConfig& joint, Need need);
 void read_mechanism(Reader& in, MechanismConfig& plant);
 void read_plant(Reader& in, PlantConfig& sim, PlantKind kind);
 
+// [model] and [joint.model] (model.cpp). The joint is the last of `robot`.
+void read_model(Reader& in, ModelConfig& model);
+void read_joint_model(Reader& in, const RobotConfig& robot, JointModel& model);
+
 // Of a chain. forget_link before the first key is read, settle_link after the last: length and mass are required;
 // without centre or inertia the link is a thin rod.
 void forget_link(PlantConfig& sim);

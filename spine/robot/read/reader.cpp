@@ -2,6 +2,7 @@
 #include "spine/robot/read/reader.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <type_traits>
@@ -78,6 +79,19 @@ void Reader::number(std::string_view key, double& out, Range range, Need need) {
   const std::string wanted = fmt::format("a number from {} to {}", range.min, range.max);
   if (!node->is_number()) return wrong_type(key, *node, wanted);
   take(key, node->value<double>().value_or(std::nan("")), range, wanted, out);
+}
+
+void Reader::numbers(std::string_view key, std::span<double> out, Range range) {
+  const Holds<std::span<double>> told{*this, key, out};
+  const toml::node* node = find(key, Need::optional);
+  if (node == nullptr) return;
+  const std::string wanted = fmt::format("a list of {} numbers from {} to {}", out.size(), range.min, range.max);
+  const toml::array* list = node->as_array();
+  if (list == nullptr || list->size() != out.size()) return wrong_type(key, *node, wanted);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    if (!list->get(i)->is_number()) return wrong_type(key, *list->get(i), wanted);
+    take(key, list->get(i)->value<double>().value_or(std::nan("")), range, wanted, out[i]);
+  }
 }
 
 void Reader::read_integer(std::string_view key, std::int64_t& out, Range range, Need need) {

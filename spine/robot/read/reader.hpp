@@ -2,6 +2,7 @@
 // Typed access to one TOML table. Every key that is read is known; every other key is an error.
 #pragma once
 
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -29,6 +30,8 @@ class Reader {
       : table_(table), where_(std::move(where)), report_(report), defaults_(defaults) {}
 
   void number(std::string_view key, double& out, Range range, Need need = Need::optional);
+  // A list of exactly so many numbers.
+  void numbers(std::string_view key, std::span<double> out, Range range);
   template <class Int>
   void integer(std::string_view key, Int& out, Range range, Need need = Need::optional) {
     std::int64_t value = static_cast<std::int64_t>(out);

@@ -123,8 +123,8 @@ def as_model(text: str, path: Path) -> str:
         above = length
     world = f"<worldbody>{opened}{'</body>' * len(LINKS)}</worldbody>"
     path.write_text(f"<mujoco><option gravity='0 -9.81 0'/>{world}</mujoco>", encoding="utf-8")
-    gone = "gravity|length|mass|center|link_inertia|rotor_inertia|viscous|coulomb"
-    text = re.sub(rf"(?m)^({gone})_.*\n", "", text)
+    text = re.sub(r"(?ms)^\[(defaults\.)?joint\.sim\].*?(?=^\[|\Z)", "", text)
+    text = re.sub(r"(?m)^gravity_m_s2 = 9\.81.*\n", "", text)  # of [plant]; [model] keeps its own
     return text.replace('kind = "chain" ', f'kind = "mujoco"\nmodel = "{path}" ', 1)
 
 
