@@ -148,6 +148,7 @@ class EventKind(IntEnum):
     params_reverted = 32
     memory_damaged = 33
     law_marked = 34
+    law_suspected = 35
 
 
 class StageResult(IntEnum):
@@ -179,6 +180,8 @@ class LawFaultKind(IntEnum):
     guard_stopped = 13
     chattering = 14
     oscillating = 15
+    pushes_away = 16
+    gives_no_torque = 17
 
 
 class DriveState(IntEnum):
@@ -228,6 +231,7 @@ class TelemetryFlags(IntFlag):
     unproven = 1048576
     params_on_probation = 2097152
     law_marked = 4194304
+    law_suspected = 8388608
 
 
 class JointStatus(IntFlag):

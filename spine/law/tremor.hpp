@@ -171,15 +171,18 @@ class Tremor {
 
   // The first of `joints` joints that shakes now.
   Finding find(std::uint32_t joints) const LITHE_RT {
-    for (std::uint32_t j = 0; j < joints && j < kMaxJoints; ++j) {
-      const Joint& joint = joints_[j];
-      if (joint.swings >= kMostSwings) {
-        return {Finding::Kind::oscillation, j, 0.5 * rate_hz_ / joint.last_swing_ticks, joint.last_swing_rad_s,
-                joint.least_swing_rad_s};
-      }
-      if (joint.chatter_hz >= chatter_hz_ && joint.chatter_before_hz < 0.5 * chatter_hz_)
-        return {Finding::Kind::chatter, j, joint.chatter_hz, joint.jump_nm, kJumpShare * joint.bounds.torque_max_nm};
+    for (std::uint32_t j = 0; j < joints && j < kMaxJoints; ++j)
+      if (const Finding found = find_at(j); found.kind != Finding::Kind::none) return found;
+    return {};
+  }
+  Finding find_at(std::uint32_t j) const LITHE_RT {
+    const Joint& joint = joints_[j];
+    if (joint.swings >= kMostSwings) {
+      return {Finding::Kind::oscillation, j, 0.5 * rate_hz_ / joint.last_swing_ticks, joint.last_swing_rad_s,
+              joint.least_swing_rad_s};
     }
+    if (joint.chatter_hz >= chatter_hz_ && joint.chatter_before_hz < 0.5 * chatter_hz_)
+      return {Finding::Kind::chatter, j, joint.chatter_hz, joint.jump_nm, kJumpShare * joint.bounds.torque_max_nm};
     return {};
   }
 

@@ -25,6 +25,7 @@ enum class MissPolicy { skip, stop };                      // what a missed dead
 enum class StaleAction { hold, safe_stop };                // what a silent Brain does
 enum class SafeEnd { damp, hold };                         // how the safe law ends, once the joint has slowed down
 enum class OtherGroups { stop, go_on };                    // what a joint's fault does to the groups it is not in
+enum class WatchAction { alarm, stop, last_good };         // what follows when a confirmed law turns bad
 enum class PlantKind { independent, chain, mujoco };       // coupling of simulated joints
 
 inline constexpr std::size_t kMaxSensors = 16;  // the size of Tick::sensor
@@ -72,7 +73,8 @@ struct SwapConfig {
   double blend_s = 0.02;               // from the old law's torque to the new one's
   double probation_s = 1.0;            // during this time a law that does worse than the one before is replaced
   double probation_error_ratio = 3.0;  // worse: an error this many times the largest before; 0 = not judged
-  double compile_s = 20.0;             // of the processor, for the compiler of one law; other limits of lawd follow it
+  WatchAction watch = WatchAction::last_good;
+  double compile_s = 20.0;  // of the processor, for the compiler of one law; other limits of lawd follow it
 };
 
 struct BusConfig {

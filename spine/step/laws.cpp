@@ -38,20 +38,6 @@ bool is_runaway(wire::Fault fault) LITHE_RT {
 
 }  // namespace
 
-void tell_beyond(const robot::RobotConfig& robot, const Tick& in, std::size_t joint, wire::Fault fault,
-                 EventText& words) LITHE_RT {
-  const robot::JointConfig& config = robot.joints[joint];
-  const double overrun_rad = robot.guard.position_overrun_rad;
-  if (fault == wire::Fault::position_limit) {
-    (words << ": ").number(in.position_rad[joint], 3) << " rad, allowed ";
-    words.number(config.position_min_rad - overrun_rad, 3) << " to ";
-    words.number(config.position_max_rad + overrun_rad, 3);
-  } else if (fault == wire::Fault::velocity_limit) {
-    (words << ": ").number(in.velocity_rad_s[joint], 1) << " rad/s, allowed ";
-    words.number(config.velocity_max_rad_s * robot.guard.velocity_overrun, 1);
-  }
-}
-
 Laws::Laws(const Wiring& wiring)
     : robot_(wiring.robot),
       slot_(wiring.slot),
@@ -63,12 +49,14 @@ Laws::Laws(const Wiring& wiring)
       period_ns_(std::llround(1e9 / wiring.robot.rate_hz)),
       budget_ns_(std::llround(static_cast<double>(period_ns_) * wiring.robot.swap.budget_share)) {
   probation_.configure(wiring.robot);
+  watch_.configure(wiring.robot);
   constexpr double kPowerMemoryS = 0.1;
   forget_power_ = std::exp(-1.0 / (kPowerMemoryS * wiring.robot.rate_hz));
 }
 
 void Laws::step(Host& host, std::array<double, kMaxProbes>& probes) LITHE_RT {
   probes.fill(0.0);
+  holds_here_ = false;
   if (slot_.active() == nullptr || !mode_.law_runs()) {
     bumpless_.start(0);  // the rest of a blend belongs to the old motion
     return effort_.clear(in_.joints);
@@ -148,8 +136,16 @@ void Laws::replace(const Probation::News& why) LITHE_RT {
   const EventText words = in_words(why);
   wire::LawFault fault = fault_of({why.kind, 0, 0});
   const Back back = step_back();
-  report(fault, back == Back::nowhere ? 0 : slot_.active()->law_id, 0, words.text());
-  if (back != Back::nowhere) return tell_back(back, words.text());
+  if (back == Back::nowhere) return stop(why);
+  report(fault, slot_.active()->law_id, 0, words.text());
+  tell_back(back, words.text());
+}
+
+// Neither: no law runs from the next tick on.
+void Laws::stop(const Probation::News& why) LITHE_RT {
+  const EventText words = in_words(why);
+  wire::LawFault fault = fault_of({why.kind, 0, 0});
+  report(fault, 0, 0, words.text());
   stop_for(why.kind, words.text());
   if (why.kind != LawFaultKind::guard_stopped || drove_out(why.evidence.joint)) mark(words.text());
 }
@@ -159,6 +155,7 @@ void Laws::replace(const Probation::News& why) LITHE_RT {
 Laws::Back Laws::step_back() LITHE_RT {
   if (probation_.of_params()) {
     probation_.end_params(in_);
+    watch_.forget();
     slot_.active()->restore_trusted_params();
     report_.params_changed = true;
     return Back::params;
@@ -257,7 +254,10 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
     if (drove_out(stopped->joint)) mark(in_words(news).text());
   }
   if (marked()) report_.flags |= flag::kLawMarked;
-  if (!mode_.law_runs()) return probation_.rest(in_.joints, mode_.fault() != wire::Fault::none);
+  if (!mode_.law_runs()) {
+    watch_.rest();
+    return probation_.rest(in_.joints, mode_.fault() != wire::Fault::none);
+  }
   see_power();
   const bool soft_start = (verdict.flags & flag::kSoftStarting) != 0;
   if (probation_.on()) report_.flags |= flag::kOnProbation;
@@ -276,10 +276,32 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
     }
     if (asked_into_soft_stop(j, torque_nm[j])) clamped[j] &= ~flag::kPositionClamped;  // of the plan
   }
-  const Probation::News news = probation_.watch({in_, torque_nm, report_.law_ns, clamped, joint_stopped, held_back});
+  const Probation::Observed observed{in_, torque_nm, report_.law_ns, clamped, joint_stopped, held_back};
+  const Probation::News news = probation_.watch(observed);
   if (probation_.unproven()) report_.flags |= flag::kUnproven;
   tell_probation(news);
-  if (news.kind != LawFaultKind::none) replace(news);
+  if (news.kind != LawFaultKind::none) return replace(news);
+  obey(watch_.see(*slot_.active(), observed, probation_));
+  if (watch_.suspects()) report_.flags |= flag::kLawSuspected;
+}
+
+// The law before it, if the robot file wants that, finds joints far from their setpoint: it must not chase it.
+void Laws::obey(const Watch::News& news) LITHE_RT {
+  if (news.found.kind == LawFaultKind::none) return;
+  const law::Resident& law = *slot_.active();
+  if (!news.is_laws_fault) {
+    EventText words = in_words(news.found);
+    if (news.found.kind == LawFaultKind::tracking_lost)
+      (words << ": wants ").number(news.toward_nm, 2) << " N m towards it";
+    report_.event(EventKind::law_suspected, static_cast<std::uint32_t>(news.found.kind), law.request_id, law.law_id,
+                  words.text());
+    return;
+  }
+  if (robot_.swap.watch == robot::WatchAction::last_good) {
+    holds_here_ = news.any_far;
+    return replace(news.found);
+  }
+  if (robot_.swap.watch == robot::WatchAction::stop) stop(news.found);
 }
 
 void Laws::tell_probation(const Probation::News& news) LITHE_RT {
@@ -295,97 +317,6 @@ void Laws::tell_probation(const Probation::News& news) LITHE_RT {
   report_.event(
       EventKind::law_confirmed, law.law_id, law.request_id, 0,
       guard_.any_stopped() ? "its probation is over, with a part of the robot stopped" : "its probation is over");
-}
-
-// What the law saw of a joint, or a sensor that was not valid.
-void Laws::tell_inputs(std::size_t joint, EventText& words) const LITHE_RT {
-  for (std::size_t i = 0; i < robot_.sensors.size() && i < in_.sensor.size(); ++i) {
-    if (std::isnan(in_.sensor[i])) {
-      words << "sensor " << robot_.sensors[i].name << " was NaN";
-      return;
-    }
-  }
-  (words << "at ").number(in_.position_rad[joint], 3) << " rad, ";
-  words.number(in_.velocity_rad_s[joint], 2) << " rad/s, ";
-  words.number(in_.torque_nm[joint], 2) << " N m, setpoint ";
-  words.number(in_.setpoint_position_rad[joint], 3);
-}
-
-// "overran: ended after 812.0 us, allowed 800.0"; "not_finite: joint elbow, torque_nm; at 0.100 rad, 3.20 rad/s, 0.15
-// N m, setpoint 0.250".
-EventText Laws::in_words(const Run& failed) const LITHE_RT {
-  EventText words;
-  words << wire::to_string(failed.failure.kind);
-  if (failed.failure.kind == LawFaultKind::overran) {
-    (words << ": ended after ").number(1e-3 * static_cast<double>(failed.took_ns), 1) << " us, allowed ";
-    words.number(1e-3 * static_cast<double>(failed.budget_ns), 1);
-  } else if (failed.joint < robot_.joints.size()) {
-    words << ": joint " << robot_.joints[failed.joint].name << ", " << failed.output << "; ";
-    tell_inputs(failed.joint, words);
-  }
-  return words;
-}
-
-// What the guard clamps now, with the value and its limit: "wants 12.000 N m of 0.600".
-void Laws::tell_clamped(const Probation::Evidence& evidence, EventText& words) const LITHE_RT {
-  const robot::JointConfig& joint = robot_.joints[evidence.joint];
-  const double torque_nm = wanted_nm(effort_, in_, evidence.joint), speed_rad_s = in_.velocity_rad_s[evidence.joint];
-  // The guard brakes ahead of both limits, with one flag: at half the speed limit the speed is the more telling one.
-  const bool fast = std::abs(speed_rad_s) > 0.5 * joint.velocity_max_rad_s;
-  if (evidence.clamped == Probation::kSlewed) {
-    (words << "torque_slew_nm_s is ").number(joint.torque_slew_nm_s, 0);
-  } else if ((evidence.clamped & flag::kTorqueClamped) != 0) {
-    (words << "wants ").number(torque_nm, 3) << " N m of ";
-    words.number(joint.torque_max_nm, 3);
-  } else if ((evidence.clamped & flag::kVelocityClamped) != 0 || fast) {
-    (words << "at ").number(speed_rad_s, 1) << " rad/s of ";
-    words.number(joint.velocity_max_rad_s, 1);
-  } else {
-    (words << "at ").number(in_.position_rad[evidence.joint], 3) << " rad of ";
-    words.number(torque_nm > 0 ? joint.position_max_rad : joint.position_min_rad, 3);
-  }
-}
-
-// "oscillating: joint wrist, 31 Hz, swings of 20.00, allowed 1.50 rad/s"; "tracking_lost: joint elbow, error 0.312 rad,
-// allowed 0.150"; "guard_busy: joint
-// elbow clamped in 80.1 % of ticks, allowed 80: wants 12.000 N m of 0.600".
-EventText Laws::in_words(const Probation::News& news) const LITHE_RT {
-  const Probation::Evidence& evidence = news.evidence;
-  EventText words;
-  words << wire::to_string(news.kind);
-  switch (news.kind) {
-    case LawFaultKind::chattering:
-    case LawFaultKind::oscillating:
-      words << ": joint " << robot_.joints[evidence.tremor.joint].name << ", ";
-      words.number(evidence.tremor.frequency_hz, 0) << " Hz, swings of ";
-      words.number(evidence.tremor.size, 2) << ", allowed ";
-      words.number(evidence.tremor.least_size, 2) << (news.kind == LawFaultKind::chattering ? " N m" : " rad/s");
-      break;
-    case LawFaultKind::tracking_lost:
-      words << ": joint " << robot_.joints[evidence.joint].name << ", error ";
-      words.number(evidence.value, 3) << " rad, allowed ";
-      words.number(evidence.allowed, 3);
-      break;
-    case LawFaultKind::guard_busy:
-      words << ": joint " << robot_.joints[evidence.joint].name
-            << (evidence.clamped == Probation::kSlewed ? " slewed in " : " clamped in ");
-      words.number(100 * evidence.value, 1) << " % of ticks, allowed ";
-      words.number(100 * evidence.allowed, 0) << ": ";
-      tell_clamped(evidence, words);
-      break;
-    case LawFaultKind::guard_stopped:
-      words << ": joint " << robot_.joints[evidence.joint].name << ", "
-            << wire::to_string(guard_.joint_fault(evidence.joint));
-      tell_beyond(robot_, in_, evidence.joint, guard_.joint_fault(evidence.joint), words);
-      break;
-    case LawFaultKind::overran:
-      (words << ": a step took ").number(1e6 * evidence.value, 1) << " us, allowed ";
-      (words.number(1e6 * evidence.allowed, 1) << ", ").number(Probation::kMostLong, 0) << " times in a row";
-      break;
-    default:
-      break;
-  }
-  return words;
 }
 
 }  // namespace lithe::step

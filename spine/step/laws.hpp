@@ -17,8 +17,9 @@
 #include "spine/robot/config.hpp"
 #include "spine/step/bumpless.hpp"
 #include "spine/step/host.hpp"
+#include "spine/step/judge/probation.hpp"
+#include "spine/step/judge/watch.hpp"
 #include "spine/step/mode.hpp"
-#include "spine/step/probation.hpp"
 #include "spine/step/report.hpp"
 #include "spine/step/shadow.hpp"
 
@@ -46,8 +47,10 @@ class Laws {
   // replaced in the same tick by the law before it, or by the safe law if there is none.
   void step(Host& host, std::array<double, kMaxProbes>& probes) LITHE_RT;
   // To be called after the guard. A law on probation that does worse than the one before it is replaced from the next
-  // tick on.
+  // tick on; so is one that turns bad later, as the robot file says.
   void check_probation(const guard::Verdict& verdict) LITHE_RT;
+  // Afterwards: the law that runs from the next tick on must hold the joints where they are.
+  bool holds_here() const LITHE_RT { return holds_here_; }
   // To be called at the end of the tick: commits a waiting law, which the next tick runs. In step.cpp.
   void swap(Host& host) LITHE_RT;
 
@@ -85,6 +88,8 @@ class Laws {
   std::size_t not_finite_at(const Effort& effort) const LITHE_RT;
   bool fall_back(const Run& first, Host& host) LITHE_RT;
   void replace(const Probation::News& why) LITHE_RT;
+  void stop(const Probation::News& why) LITHE_RT;
+  void obey(const Watch::News& news) LITHE_RT;
   Back step_back() LITHE_RT;
   void begin_law(std::uint32_t blend_ticks) LITHE_RT;
   void stop_for(wire::LawFaultKind kind, std::string_view why) LITHE_RT;
@@ -118,6 +123,8 @@ class Laws {
   std::int64_t budget_ns_;  // for a law without a budget of its own
   Bumpless bumpless_;
   Probation probation_;
+  Watch watch_;
+  bool holds_here_ = false;
   Shadow shadow_;
   Effort effort_;
   double forget_power_ = 0;  // per tick

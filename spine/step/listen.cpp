@@ -164,6 +164,13 @@ CommandResult ControlStep::change_mode(CommandKind kind, const Input& in) LITHE_
   return result;
 }
 
+// `hold`, but from where the joints are.
+void ControlStep::hold_here(const Input& in) LITHE_RT {
+  if (mode_.apply(CommandKind::hold, conditions(in)) != CommandResult::done) return;
+  plan_.hold_at(in.sample.position_rad);
+  report_.event(EventKind::held, 0, 0, 0, "the law before holds the joints where they are; arm follows plans again");
+}
+
 // Puts simulated joints back to their start, as a person could with drives that are off.
 CommandResult ControlStep::reset_simulation(const wire::Command& command) LITHE_RT {
   if (!drives_.simulated()) return CommandResult::refused_not_simulated;

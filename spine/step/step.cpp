@@ -40,6 +40,7 @@ const Report& ControlStep::run(const Input& in, Host& host, hal::ActuatorCommand
   drives_.compose(in_, mode_, guard_, command);
   record.law_id = laws_.active_id();  // the law that ran in this tick
   laws_.check_probation(verdict);
+  if (laws_.holds_here()) hold_here(in);
   laws_.swap(host);  // at the end of the tick: the next one runs the new law
   fill(in, record);
   return report_;

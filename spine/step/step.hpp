@@ -84,6 +84,7 @@ class ControlStep {
   Conditions conditions(const Input& in) const LITHE_RT;
   bool moves(const Input& in) const LITHE_RT;
   void switch_off_at_rest(const Input& in) LITHE_RT;
+  void hold_here(const Input& in) LITHE_RT;
   void watch_brain(const Input& in) LITHE_RT;
   void take_plan(const wire::Plan& plan) LITHE_RT;
   void answer(const wire::Plan& plan, const wire::PlanDecision& decided) LITHE_RT;

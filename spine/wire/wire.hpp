@@ -342,6 +342,7 @@ enum class EventKind : std::uint32_t {
   params_reverted = 32,
   memory_damaged = 33,
   law_marked = 34,
+  law_suspected = 35,
 };
 
 // The name of `value`, or "?" for a number that is not one of EventKind.
@@ -417,6 +418,8 @@ constexpr std::string_view to_string(EventKind value) LITHE_RT {
       return "memory_damaged";
     case EventKind::law_marked:
       return "law_marked";
+    case EventKind::law_suspected:
+      return "law_suspected";
   }
   return "?";
 }
@@ -475,6 +478,8 @@ enum class LawFaultKind : std::uint32_t {
   guard_stopped = 13,
   chattering = 14,
   oscillating = 15,
+  pushes_away = 16,
+  gives_no_torque = 17,
 };
 
 // The name of `value`, or "?" for a number that is not one of LawFaultKind.
@@ -512,6 +517,10 @@ constexpr std::string_view to_string(LawFaultKind value) LITHE_RT {
       return "chattering";
     case LawFaultKind::oscillating:
       return "oscillating";
+    case LawFaultKind::pushes_away:
+      return "pushes_away";
+    case LawFaultKind::gives_no_torque:
+      return "gives_no_torque";
   }
   return "?";
 }
@@ -611,6 +620,7 @@ inline constexpr std::uint32_t kRecovering = 524288;
 inline constexpr std::uint32_t kUnproven = 1048576;
 inline constexpr std::uint32_t kParamsOnProbation = 2097152;
 inline constexpr std::uint32_t kLawMarked = 4194304;
+inline constexpr std::uint32_t kLawSuspected = 8388608;
 }
 
 namespace joint_status {

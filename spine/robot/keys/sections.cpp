@@ -65,6 +65,9 @@ void read_swap(Reader& in, SwapConfig& swap) {
   in.number("blend_s", swap.blend_s, {0.0, 10.0});
   in.number("probation_s", swap.probation_s, {0.0, 3600.0});
   in.number("probation_error_ratio", swap.probation_error_ratio, {0.0, kBig});
+  in.choice<WatchAction>(
+      "watch", swap.watch,
+      {{"alarm", WatchAction::alarm}, {"stop", WatchAction::stop}, {"last_good", WatchAction::last_good}});
   in.number("compile_s", swap.compile_s, {1.0, 600.0});
   in.finish();
 }

@@ -73,6 +73,12 @@ class Probation {
   // True when the duration is over, but the robot has not moved enough.
   bool unproven() const LITHE_RT { return law_.unproven() || params_.unproven(); }
 
+  // What it measures all the time, also after a probation.
+  const law::Tremor& tremor() const LITHE_RT { return tremor_; }
+  double slewed_share(std::uint32_t j) const LITHE_RT { return slewed_share_[j]; }
+  // The setpoint goes on, or went on, without the law: no tracking error is judged.
+  bool catching_up(const Tick& in) const LITHE_RT { return in.t_ns < catching_up_ns_; }
+
   struct Observed {
     const Tick& in;
     const JointArray& torque_nm;  // what the law wants at each joint
@@ -123,7 +129,6 @@ class Probation {
     }
   };
 
-  bool catching_up(const Tick& in) const LITHE_RT { return in.t_ns < catching_up_ns_; }
   double before_rad(std::uint32_t j) const LITHE_RT;
   bool is_back(const Tick& in) const LITHE_RT;
   bool beyond(const Tick& in) const LITHE_RT;

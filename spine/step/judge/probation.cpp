@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "spine/step/probation.hpp"
+#include "spine/step/judge/probation.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
-
-#include "spine/law/clamp_limits.hpp"
 
 #include "spine/law/clamp_limits.hpp"
 
