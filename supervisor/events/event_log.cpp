@@ -29,17 +29,19 @@ std::string code_word(wire::EventKind kind, std::uint32_t code) {
       return std::string(to_string(static_cast<wire::StageResult>(code)));
     case wire::EventKind::plan_refused:
       return std::string(to_string(static_cast<wire::PlanReject>(code)));
+    case wire::EventKind::law_suspected:
+      return std::string(to_string(static_cast<wire::LawFaultKind>(code)));
     default:
       return {};
   }
 }
 
-// It stops the robot, or takes its law or parameters away.
+// It stops the robot, takes its law or parameters away, or may come to that.
 bool tells_next(wire::EventKind kind) {
   constexpr wire::EventKind kKinds[] = {wire::EventKind::law_rolled_back, wire::EventKind::params_reverted,
                                         wire::EventKind::law_faulted,     wire::EventKind::safe_stop,
                                         wire::EventKind::group_stopped,   wire::EventKind::memory_damaged,
-                                        wire::EventKind::law_marked};
+                                        wire::EventKind::law_marked,      wire::EventKind::law_suspected};
   return std::ranges::find(kKinds, kind) != std::end(kKinds);
 }
 
@@ -85,8 +87,8 @@ constexpr std::string_view kStallBefore =
     "; within the 2 s before, the computer stood still for several ticks: if that was the cause, lithe doctor";
 
 bool is_of_motion(std::string_view why) {
-  constexpr std::string_view kReasons[] = {"tracking_lost", "guard_busy",     "guard_stopped", "chattering",
-                                           "oscillating",   "position_limit", "velocity_limit"};
+  constexpr std::string_view kReasons[] = {"tracking_lost", "guard_busy",     "guard_stopped",  "chattering",
+                                           "oscillating",   "position_limit", "velocity_limit", "pushes_away"};
   return std::ranges::find(kReasons, why.substr(0, why.find_first_of(":; "))) != std::end(kReasons);
 }
 
@@ -95,6 +97,8 @@ bool is_of_motion(std::string_view why) {
 std::string_view next_step(std::string_view why) {
   constexpr std::pair<std::string_view, std::string_view> kSteps[] = {
       {"tracking_lost", "make the law follow its setpoint better: look at the signs, sizes and units of its gains"},
+      {"pushes_away", "look for a sign that changes, or an integral that winds up, and when; lithe law show --source"},
+      {"gives_no_torque", "look for what takes its torque away: a gain that fades, a time, a State; lithe law show"},
       {"guard_busy", "command less at this joint, or plan it slower; the robot file has its limits"},
       {"guard_stopped", "slow the joint down before its limits; the robot goes on after: lithe reset, lithe arm"},
       {"chattering", "lower the joint's damping, or smooth the speed that it uses"},
@@ -162,7 +166,11 @@ Json event_json(const wire::Event& event, const SpineLink& spine) {
   }
   const std::string text = out["text"];
   if (tells_next(kind) || kind == wire::EventKind::plan_refused) put_facts(text, spine.info(), out);
-  if (const std::string_view next = next_step(text); tells_next(kind) && !next.empty()) out["next"] = std::string(next);
+  const bool is_outside = kind == wire::EventKind::law_suspected && out["reason"] == "tracking_lost";
+  const std::string_view next =
+      is_outside ? "look for a load, an obstacle, a drive with less torque, or a plan too fast for the law"
+                 : next_step(text);
+  if (tells_next(kind) && !next.empty()) out["next"] = std::string(next);
   if (kind == wire::EventKind::law_marked) {
     const std::string cause = out.value("next", "");
     out["next"] =
@@ -192,6 +200,7 @@ void EventLog::add(Json event) {
   numbered.update(event);
   if (kind == "safe_stop" || kind == "group_stopped") last_stop_ = event;
   if (kind == "law_marked" && last_stop_.is_object()) last_stop_["next"] = event["next"];
+  if (kind == "law_suspected") last_suspicion_ = event;
   if (kind == "reset" || kind == "recovering") last_stop_ = nullptr;
   events_.push_back(std::move(numbered));
   if (events_.size() > kDepth) events_.pop_front();

@@ -48,11 +48,13 @@ class EventLog {
   std::uint64_t last() const { return last_; }
   // The event of the newest stop, until the reset or recovery after it; null: none.
   const Json& last_stop() const { return last_stop_; }
+  // The newest event law_suspected; null: none. It holds while telemetry has the flag of that name.
+  const Json& last_suspicion() const { return last_suspicion_; }
 
  private:
   std::deque<Json> events_;
   std::uint64_t last_ = 0;
-  Json last_stop_ = nullptr;
+  Json last_stop_ = nullptr, last_suspicion_ = nullptr;
   std::uint64_t lost_in_ring_ = 0;
   std::int64_t last_stall_ns_ = std::numeric_limits<std::int64_t>::min() / 2;  // the newest that is known
 };

@@ -42,7 +42,7 @@ bool is_notable(const wire::Event& event) {
   constexpr EventKind kNotable[] = {EventKind::plan_refused, EventKind::command_refused, EventKind::params_refused,
                                     EventKind::law_refused,  EventKind::armed,           EventKind::disarmed,
                                     EventKind::held,         EventKind::reset,           EventKind::recovering,
-                                    EventKind::recovered};
+                                    EventKind::recovered,    EventKind::law_suspected};
   const auto kind = static_cast<EventKind>(event.kind);
   // At each start the Spine is asked to arm until its drives are ready.
   if (kind == EventKind::command_refused && event.code == static_cast<std::uint32_t>(CommandResult::refused_not_ready))

@@ -104,6 +104,14 @@ void see_joint(const Json& joint, Alarms& out) {
   see_limits(joint, out);
 }
 
+// The watch of the running law.
+void see_law(const Json& status, Alarms& out) {
+  const Json seen = status.value("law_suspected", Json());
+  if (!seen.is_object()) return;
+  out.warn(fmt::format("the law {}: {} [tick {}]; next: {}", word(status, "law"), word(seen, "text"),
+                       seen.value("tick", std::uint64_t{0}), word(seen, "next")));
+}
+
 void see_health(const Json& status, Alarms& out) {
   const Json health = status.value("health", Json::object());
   const std::pair<const char*, const char*> words[] = {{"plans_torn", "plans that never came whole"},
@@ -123,6 +131,7 @@ Json alarms_of(const Json& status) {
   Alarms out;
   see_mode(status, out);
   if (const std::string why = word(status, "not_ready"); !why.empty()) out.stop("NOT READY: " + why);
+  see_law(status, out);
   for (const Json& joint : status.value("joints", Json::array())) see_joint(joint, out);
   if (word(status, "gates") == "open") out.warn("THE GATES ARE OPEN: laws are neither admitted nor tried");
   if (const std::string problem = word(status, "certificates_error"); !problem.empty())

@@ -190,6 +190,7 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
           {"law_id", now.law_id},
           {"params", law ? law->values : Json(nullptr)},
           {"probation", probation_json(now.flags)},
+          {"law_suspected", (now.flags & wire::telemetry_flag::kLawSuspected) != 0 ? Json(true) : Json(nullptr)},
           {"rate_hz", info.rate_hz},
           {"tick", now.tick},
           {"age_ms", any ? Json(static_cast<double>(monotonic_ns() - now.release_ns) * 1e-6) : Json(nullptr)},

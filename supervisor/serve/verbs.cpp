@@ -77,6 +77,7 @@ void Verbs::add_looks() {
     status["throttled"] = {
         {"now", parts_.throttle.active()}, {"times", parts_.throttle.times()}, {"why", parts_.throttle.why()}};
     status["stopped_by"] = parts_.log.last_stop();
+    if (status["law_suspected"] == true) status["law_suspected"] = parts_.log.last_suspicion();
     if (const std::string holder = parts_.spine.estop_holder(); !holder.empty()) status["estop_held_by"] = holder;
     status["not_ready"] = parts_.drives_told;
     status["alarms"] = alarms_of(status);

@@ -166,6 +166,8 @@ void LawLifecycle::on_event(const wire::Event& event) {
       if (Life* life = of_request(event.request_id); life && life->swap.mark(Stage::confirmed, "", event.t_ns))
         keep_(life->swap, life->record);
       return;
+    case wire::EventKind::law_suspected:
+      return note(event.request_id, "suspected", {{"tick", event.tick}, {"why", text_of(event.text)}});
     case wire::EventKind::law_retired:
       return retired(event);
     default:
@@ -286,7 +288,14 @@ void LawLifecycle::leave(Life& life, const std::string& why, const wire::Event& 
                  {"why", why},
                  {"law", law ? Json(text_of(law->name)) : Json(nullptr)}};
     std::string next(next_step(why));
-    const Json seen = life.swap.certificate().value("control", Json::object()).value("seen", Json::array());
+    Json seen = life.swap.certificate().value("control", Json::object()).value("seen", Json::array());
+    if (seen.empty()) {                                                       // it was measured long before this
+      const auto window = static_cast<std::uint64_t>(spine_.info().rate_hz);  // 1 s: it was bad for so long
+      const LawControl last =
+          control::measure_control(spine_, life.swap.law_id(), event.tick - std::min(event.tick, window), event.tick);
+      if (last.ticks > 0) seen = explained(last, spine_.info(), why);
+      if (!seen.empty()) told["seen"] = seen;
+    }
     if (!seen.empty()) {  // what was measured says more than the kind of its fault
       next = seen[0];
       if (explain_) explain_(life.swap, next);
