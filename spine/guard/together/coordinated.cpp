@@ -9,14 +9,14 @@
 namespace lithe::guard {
 namespace {
 
-constexpr double kMarginRad = 0.03;   // before a position limit
-constexpr double kMarginRadS = 0.3;   // the speed at then() may be wrong by this
-constexpr double kSpeedShare = 0.97;  // of the speed that is kept
-constexpr double kHardest = 10;       // times the allotted deceleration, for a joint that needs it and torques reach
-constexpr double kHarder = 1.5;       // the part of it that all joints get
-constexpr double kGentle = 0.5;       // of the allotted deceleration, for a joint that has room
-constexpr double kSlowRadS = 0.5;     // below it a joint may wait for the others, see slow_rad_s()
-constexpr double kBackRadS = 0.5;     // beyond a limit: back, at most so fast
+constexpr double kKeptFreeRad = 0.03;  // before a position limit
+constexpr double kUnsureRadS = 0.3;    // the speed at then() may be wrong by this
+constexpr double kSpeedKept = 0.97;    // of the speed that is kept
+constexpr double kHardest = 10;        // times the allotted deceleration, for a joint that needs it and torques reach
+constexpr double kHarder = 1.5;        // the part of it that all joints get
+constexpr double kGentle = 0.5;        // of the allotted deceleration, for a joint that has room
+constexpr double kSlowRadS = 0.5;      // below it a joint may wait for the others, see slow_rad_s()
+constexpr double kBackRadS = 0.5;      // beyond a limit: back, at most so fast
 constexpr double kTiny = 1e-9;
 
 // Constant acceleration, then a line down to a braking deceleration, then that: how far, and how fast at most.
@@ -56,7 +56,7 @@ void Coordinated::configure(const robot::RobotConfig& robot) {
     const unsigned divider = robot.devices[joint.device].rate_divider;
     joint_[j] = {.min_rad = joint.position_min_rad,
                  .max_rad = joint.position_max_rad,
-                 .speed_rad_s = kSpeedShare * joint.velocity_max_rad_s * overrun,
+                 .speed_rad_s = kSpeedKept * joint.velocity_max_rad_s * overrun,
                  .torque_nm = joint.torque_max_nm,
                  .slew_nm_s = joint.torque_slew_nm_s,
                  .slew_step_nm = joint.torque_slew_nm_s / robot.rate_hz * divider,
@@ -82,21 +82,21 @@ double Coordinated::way_left_rad(std::size_t j, bool up) const LITHE_RT {
 
 // Below this speed a joint that is not stopped in time may wait for the others.
 double Coordinated::slow_rad_s(std::size_t j, bool up) const LITHE_RT {
-  return std::clamp(8 * way_left_rad(j, up), kMarginRad, kSlowRadS);
+  return std::clamp(8 * way_left_rad(j, up), kKeptFreeRad, kSlowRadS);
 }
 
 // Enough for its limits, and at least this share of the allotted deceleration.
 double Coordinated::brake_rad_s2(std::size_t j, double q, double v, double share, double hardest) const LITHE_RT {
   const Joint& joint = joint_[j];
   const double most = hardest * joint.allotted_rad_s2;
-  const double over = std::max(q - joint.max_rad, joint.min_rad - q) + 0.5 * kMarginRad;
+  const double over = std::max(q - joint.max_rad, joint.min_rad - q) + 0.5 * kKeptFreeRad;
   if (over > 0) {
     constexpr double kTimeS = 8e-3, kPerS = 20;
     const double inwards = q > 0.5 * (joint.max_rad + joint.min_rad) ? -1 : 1;
     return std::clamp((inwards * std::min(kBackRadS, kPerS * over) - v) / kTimeS, -most, most);
   }
   constexpr double kLeastWayRad = 1e-3, kTimeS = 4e-3;
-  const double left = (v > 0 ? joint.max_rad - q : q - joint.min_rad) - kMarginRad;
+  const double left = (v > 0 ? joint.max_rad - q : q - joint.min_rad) - kKeptFreeRad;
   const double needed = v * v / (2 * std::max(left, kLeastWayRad));
   const double a = std::min(std::clamp(needed, share * joint.allotted_rad_s2, most), std::abs(v) / kTimeS);
   return v > 0 ? -a : a;
@@ -112,7 +112,7 @@ bool Coordinated::stops(std::size_t j, bool up, double rad_s2, double transition
   way.go(a, a, observer_.hold_s());
   way.go(a, std::min(a, -least), transition_s);
   way.stop(least);
-  return way.farthest <= std::max(way_left_rad(j, up) - kMarginRad, 0.0) && way.fastest <= joint.speed_rad_s;
+  return way.farthest <= std::max(way_left_rad(j, up) - kKeptFreeRad, 0.0) && way.fastest <= joint.speed_rad_s;
 }
 
 bool Coordinated::stops(std::size_t j, bool up, double rad_s2, double transition_s) const LITHE_RT {
@@ -300,7 +300,7 @@ void Coordinated::prepare(const Choice& choice) LITHE_RT {
     double rad_s2 = 0;
     for (std::size_t k = 0; k < joints_; ++k)
       rad_s2 += observer_.inverse_mass()[j][k] * (observer_.then().torque_nm[k] - observer_.bias_nm()[k]);
-    unsure_rad_s_[j] = kMarginRadS + error_ * std::abs(rad_s2) * observer_.ahead_s();
+    unsure_rad_s_[j] = kUnsureRadS + error_ * std::abs(rad_s2) * observer_.ahead_s();
   }
 }
 
