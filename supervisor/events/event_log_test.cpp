@@ -52,6 +52,8 @@ TEST_F(EventJsonTest, ARollbackIsToldWithWhatToDo) {
   for (const std::string why :
        {"tracking_lost: joint hip, error 0.312 rad, allowed 0.150",
         "guard_busy: joint hip clamped in 80.1 % of ticks, allowed 80: wants 12.000 N m of 0.600",
+        "pushes_away: joint hip, error 1.512 rad, allowed 0.150: wants -6.000 N m",
+        "gives_no_torque: joint hip, error 1.512 rad, allowed 0.150: wants 0.000 N m",
         "guard_stopped: joint hip, velocity_limit", "chattering: joint hip, 210 Hz, swings of 0.31, allowed 0.12 N m",
         "oscillating: joint hip, 31 Hz, swings of 20.00, allowed 1.50 rad/s",
         "overran: a step took 812.0 us, allowed 300.0, 3 times in a row", "overran", "not_finite: joint hip"}) {
@@ -86,6 +88,22 @@ TEST_F(EventJsonTest, AStopAndALawsFaultAreToldWithWhatToDo) {
     EXPECT_NE(next_of(wire::EventKind::safe_stop, kind), "") << kind;
   }
   EXPECT_EQ(next_of(wire::EventKind::armed, "velocity_limit"), "");
+}
+
+TEST_F(EventJsonTest, WhatTheWatchSeesIsToldWithWhatToDo) {
+  const auto told = [&](wire::LawFaultKind kind, std::string_view why) {
+    wire::Event event = event_of(wire::EventKind::law_suspected, static_cast<std::uint32_t>(kind));
+    std::copy(why.begin(), why.end(), event.text.begin());
+    return event_json(event, *link_);
+  };
+  const Json law =
+      told(wire::LawFaultKind::pushes_away, "pushes_away: joint hip, error 1.512 rad, allowed 0.150: wants -6.000 N m");
+  EXPECT_EQ((Json{law["reason"], law["joint"], law["value"], law["limit"]}), (Json{"pushes_away", "hip", 1.512, 0.15}));
+  EXPECT_EQ(law["next"], next_step("pushes_away"));
+  const Json load = told(wire::LawFaultKind::tracking_lost,
+                         "tracking_lost: joint hip, error 0.412 rad, allowed 0.150: wants 0.41 N m towards it");
+  EXPECT_EQ((Json{load["joint"], load["value"], load["limit"]}), (Json{"hip", 0.412, 0.15}));
+  EXPECT_NE(load["next"].get<std::string>().find("a load, an obstacle"), std::string::npos) << load;
 }
 
 TEST_F(EventJsonTest, AStopHasJointValueAndLimitAsFields) {

@@ -51,6 +51,11 @@ TEST(Alarms, EachNamesJointValueAndWhatToDo) {
   EXPECT_NE(said({{"mode", "active"}, {"fault", "law_faulted"}, {"stopped_by", {{"text", "bad_access"}, {"tick", 5}}}})
                 .find("stop: latched fault: law_faulted: bad_access [tick 5]; next: lithe events, lithe reset"),
             std::string::npos);
+  EXPECT_EQ(
+      said({{"law", "pd"},
+            {"law_suspected", {{"text", "tracking_lost: joint elbow"}, {"tick", 9}, {"next", "look for a load"}}}}),
+      "warn: the law pd: tracking_lost: joint elbow [tick 9]; next: look for a load\n");
+  EXPECT_EQ(said({{"law", "pd"}, {"law_suspected", nullptr}}), "");
   EXPECT_NE(said({{"age_ms", 3200.0}, {"spine_pid", 7}}).find("stop: THE SPINE DOES NOT TICK: its last tick is 3.2 s"),
             std::string::npos);
   EXPECT_EQ(said({{"joints", Json::array({joint(1.95)})}}),

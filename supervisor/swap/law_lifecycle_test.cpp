@@ -73,6 +73,17 @@ class LawLifecycleTest : public SpineRig {
     record.kind = static_cast<std::uint32_t>(kind);
     ipc::RingWriter<wire::LawFault, wire::spine_segment::kLawFaultsDepth>((*spine_)->law_faults).push(record);
   }
+  // A tick in which the law pushed with stiffness_nm_rad times the position of its joint.
+  void record(std::uint64_t tick, std::uint32_t law_id, double q_rad, double v_rad_s, double stiffness_nm_rad) {
+    auto record = std::make_unique<wire::Telemetry>();
+    record->tick = tick;
+    record->law_id = law_id;
+    record->mode = static_cast<std::uint32_t>(wire::Mode::active);
+    record->position_rad[0] = q_rad;
+    record->velocity_rad_s[0] = v_rad_s;
+    record->command_torque_nm[0] = stiffness_nm_rad * q_rad;
+    ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth>((*spine_)->telemetry).push(*record);
+  }
   std::string verdict(std::uint32_t law_id) { return kept_[100 + law_id].value("verdict", "none"); }
 
   std::map<std::uint64_t, Json> kept_;  // by request
@@ -102,21 +113,9 @@ TEST_F(LawLifecycleTest, ALawIsNotBlamedForItsParametersWhenAPersonTakesItAwayLa
 }
 
 TEST_F(LawLifecycleTest, ComparesOldLawAndNewPerJoint) {
-  ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
-  auto record = std::make_unique<wire::Telemetry>();
   commit(2);
-  for (std::uint64_t tick = 1; tick <= 40; ++tick) {
-    record->tick = tick;
-    record->law_id = tick <= 20 ? 1 : 2;
-    record->mode = static_cast<std::uint32_t>(wire::Mode::active);
-    record->position_rad[0] = tick <= 20 ? 0.2 : -0.1;
-    ring.push(*record);
-  }
-  for (std::uint64_t tick = 700; tick <= 710; ++tick) {  // the window is 20 to 1020
-    record->tick = tick;
-    record->position_rad[0] = 0.01;
-    ring.push(*record);
-  }
+  for (std::uint64_t tick = 1; tick <= 40; ++tick) record(tick, tick <= 20 ? 1 : 2, tick <= 20 ? 0.2 : -0.1, 0, 0);
+  for (std::uint64_t tick = 700; tick <= 710; ++tick) record(tick, 2, 0.01, 0, 0);  // the window is 20 to 1020
   lifecycle_->serve(500'000'000);
   EXPECT_FALSE(kept_[102].contains("control")) << "its probation is not over";
   lifecycle_->serve(2'000'000'000);
@@ -134,18 +133,11 @@ TEST_F(LawLifecycleTest, ComparesOldLawAndNewPerJoint) {
 }
 
 TEST_F(LawLifecycleTest, ASwingIsExplainedWithItsFrequency) {
-  ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
-  auto record = std::make_unique<wire::Telemetry>();
   commit(1);
   commit(2);
   for (std::uint64_t tick = 1; tick <= 120; ++tick) {
-    record->tick = tick;
-    record->law_id = tick <= 20 ? 1 : 2;
-    record->mode = static_cast<std::uint32_t>(wire::Mode::active);
-    record->position_rad[0] = 0.1 * std::sin(0.2 * static_cast<double>(tick));
-    record->velocity_rad_s[0] = 20 * std::cos(0.2 * static_cast<double>(tick));
-    record->command_torque_nm[0] = -4 * record->position_rad[0];
-    ring.push(*record);
+    const double phase = 0.2 * static_cast<double>(tick);
+    record(tick, tick <= 20 ? 1 : 2, 0.1 * std::sin(phase), 20 * std::cos(phase), -4);
   }
   fault(2, 1, wire::LawFaultKind::oscillating, 110);
   tell(EventKind::law_rolled_back, 101, 1, 110, "oscillating: joint elbow, 31 Hz, swings of 20.00, allowed 1.50 rad/s");
@@ -156,19 +148,11 @@ TEST_F(LawLifecycleTest, ASwingIsExplainedWithItsFrequency) {
 
 // A joint whose torque grows with its error, to the other side.
 TEST_F(LawLifecycleTest, ARollbackSaysWhatTheJointDid) {
-  ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
-  auto record = std::make_unique<wire::Telemetry>();
   commit(1);
   commit(2);
   for (std::uint64_t tick = 1; tick <= 120; ++tick) {
-    record->tick = tick;
-    record->law_id = tick <= 20 ? 1 : 2;
-    record->mode = static_cast<std::uint32_t>(wire::Mode::active);
     const double s = static_cast<double>(tick) * 1e-3;
-    record->position_rad[0] = 3 * s * s;
-    record->velocity_rad_s[0] = 6 * s + 0.1 * std::sin(400 * s);
-    record->command_torque_nm[0] = 4 * record->position_rad[0];
-    ring.push(*record);
+    record(tick, tick <= 20 ? 1 : 2, 3 * s * s, 6 * s + 0.1 * std::sin(400 * s), 4);
   }
   fault(2, 1, wire::LawFaultKind::tracking_lost, 110);
   tell(EventKind::law_rolled_back, 101, 1, 110, "tracking_lost: joint elbow, error 0.312 rad, allowed 0.150");
@@ -183,6 +167,35 @@ TEST_F(LawLifecycleTest, ARollbackSaysWhatTheJointDid) {
   EXPECT_GT(score["rms_error_rad"]["elbow"], 0.01);
   EXPECT_EQ(lifecycle_->score_of(1)["rms_error_rad"], Json()) << "nothing was measured of it yet";
   EXPECT_TRUE(lifecycle_->score_of(9).is_null());
+}
+
+// It was confirmed and measured long before: what its last second shows counts.
+TEST_F(LawLifecycleTest, ALawThatTurnsBadLaterIsExplainedByItsLastSecond) {
+  commit(1);
+  commit(2);
+  for (std::uint64_t tick = 20; tick <= 3000; ++tick) {
+    const double s = 1e-3 * static_cast<double>(tick % 2000);
+    if (tick < 2000)
+      record(tick, 2, 0.01 * std::sin(9 * s), 0.09 * std::cos(9 * s), -4);
+    else
+      record(tick, 2, 3 * s * s, 6 * s + 0.1 * std::sin(400 * s), 4);
+    if (tick == 1900) lifecycle_->serve(10'000'000'000);
+  }
+  ASSERT_TRUE(kept_[102].contains("control"));
+  EXPECT_FALSE(kept_[102]["control"].contains("seen"));
+  tell(EventKind::law_confirmed, 102, 2);
+  const std::string why = "pushes_away: joint elbow, error 0.312 rad, allowed 0.150: wants 1.200 N m";
+  tell(EventKind::law_suspected, 102, static_cast<std::uint32_t>(wire::LawFaultKind::pushes_away), 2500, why);
+  EXPECT_EQ(kept_[102]["suspected"], (Json{{"tick", 2500}, {"why", why}}));
+  EXPECT_EQ(verdict(2), "confirmed") << "so far";
+  fault(2, 1, wire::LawFaultKind::pushes_away, 3000);
+  tell(EventKind::law_rolled_back, 102, 1, 3000, why);
+  EXPECT_EQ(verdict(2), "rolled_back");
+  EXPECT_EQ(kept_[102]["rolled_back"]["why"], why);
+  EXPECT_NE(kept_[102]["rolled_back"]["next"].get<std::string>().find("its torque grows with its position"),
+            std::string::npos)
+      << kept_[102]["rolled_back"];
+  EXPECT_EQ(kept_[102]["rolled_back"]["seen"][0], kept_[102]["rolled_back"]["next"]);
 }
 
 TEST_F(LawLifecycleTest, ConfirmsAndRetires) {
@@ -312,9 +325,7 @@ TEST_F(LawLifecycleTest, AnotherCommitEndsAProbation) {
 }
 
 TEST_F(LawLifecycleTest, MeasuresOnceWhenItIsTimeOrWhenAnotherLawIsOnItsWay) {
-  ipc::RingWriter<wire::Telemetry, wire::spine_segment::kTelemetryDepth> ring((*spine_)->telemetry);
-  auto record = std::make_unique<wire::Telemetry>();
-  for (record->tick = 1; record->tick < 100; ++record->tick) ring.push(*record);
+  for (std::uint64_t tick = 1; tick < 100; ++tick) record(tick, 0, 0, 0, 0);
   commit(1, 0);
   lifecycle_->serve(5);
   EXPECT_TRUE(kept_.empty());

@@ -55,6 +55,7 @@ LOOK_S = {"clamp": 1.0, "harmless": GOOD_S + 0.05}  # how long one is looked at 
 FAULT_S = 10.0  # by then the others have
 AGAIN = 3  # times more, from the compile cache: to count ticks
 PROBATION = {"tracking_lost", "guard_busy", "guard_stopped", "chattering", "oscillating"}
+PROBATION |= {"pushes_away", "gives_no_torque"}  # and of the watch
 NEVER_THERE = {"unloadable", "unplaceable"}
 CASES = [law for law in CORPUS if header(law, "without-gates") != "uncompilable"]
 
