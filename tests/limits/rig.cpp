@@ -2,6 +2,7 @@
 #include "tests/limits/rig.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <memory>
 #include <numbers>
@@ -239,6 +240,7 @@ class Player {
         ++exchanges_;
       }
       decide(t, stale);
+      if (run_.watch) run_.watch(t, positions());
       for (int i = 0; i < steps; ++i) advance();
       ++extremes_.ticks;
     }
@@ -300,15 +302,32 @@ class Player {
   void decide(double t, std::uint32_t stale) {
     const Sample& sample = run_.transport_thread ? before_ : sample_;
     const double period_s = 1 / run_.robot.rate_hz;
-    law_.step(t, sample.position, sample.velocity);
+    if (run_.law)
+      run_.law(t, sample.position, sample.velocity, law_.effort);
+    else
+      law_.step(t, sample.position, sample.velocity);
+    if (run_.unguarded) return pass_on();
     const double age_s = t - taken_ + (run_.transport_thread ? period_s : 0);
     const wire::Mode mode = run_.recover          ? wire::Mode::recover
                             : t >= run_.stop_at_s ? wire::Mode::safe_stop
                                                   : wire::Mode::active;
+    const auto began = std::chrono::steady_clock::now();
     const guard::Verdict verdict = guard_.check({mode, stale, 1'000'000, sample.position, sample.velocity,
                                                  sample.status, law_.effort, static_cast<std::int64_t>(1e9 * age_s)},
                                                 output_);
+    if (run_.check_ns != nullptr) run_.check_ns->push_back((std::chrono::steady_clock::now() - began).count());
+    extremes_.changed += verdict.law_flags != 0;
     if (extremes_.fault == wire::Fault::none) extremes_.fault = verdict.fault;
+  }
+
+  JointArray positions() const {
+    JointArray all{};
+    for (std::size_t j = 0; j < count_; ++j) all[j] = joints_.position_rad(j);
+    return all;
+  }
+
+  void pass_on() {
+    for (std::size_t j = 0; j < count_; ++j) output_.set(j, pd_of(law_.effort, j), run_.robot.joints[j].torque_max_nm);
   }
 
   double beyond_rad(std::size_t j) const {

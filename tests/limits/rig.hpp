@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <random>
 #include <string>
 #include <string_view>
@@ -51,6 +52,11 @@ struct Run {
   double gain_error = 0;   // the drives' torque differs, up to this share
   double payload_kg = 0;   // at the tip of a chain, up to this
   std::vector<double> bias_nm;  // of each joint: what pulls at it beside the declared plant
+  // Instead of the adversary, and a second look at the plant itself, for its errors.
+  std::function<void(double time_s, const JointArray& position_rad, const JointArray& velocity_rad_s, Effort& out)> law;
+  std::function<void(double time_s, const JointArray& position_rad)> watch;
+  bool unguarded = false;                         // the law's output goes to the drives, within torque_max_nm
+  std::vector<std::int64_t>* check_ns = nullptr;  // what each call of the guard took
 };
 
 struct Extremes {
@@ -61,6 +67,7 @@ struct Extremes {
   double end_rad = -1e9;       // beyond a limit at the end, the worst joint
   wire::Fault fault = wire::Fault::none;  // the first that the guard told
   std::uint64_t ticks = 0;
+  std::uint64_t changed = 0;  // ticks in which the guard did not give what the law wanted
 };
 
 // Plays one run. The plant of each joint is its `sim`; with a chain, all of them.

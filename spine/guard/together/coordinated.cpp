@@ -17,6 +17,8 @@ constexpr double kHarder = 1.5;        // the part of it that all joints get
 constexpr double kGentle = 0.5;        // of the allotted deceleration, for a joint that has room
 constexpr double kSlowRadS = 0.5;      // below it a joint may wait for the others, see slow_rad_s()
 constexpr double kBackRadS = 0.5;      // beyond a limit: back, at most so fast
+constexpr double kNowShare = 0.8;      // of what the torques permit in this pose and for these directions
+constexpr double kNowMost = 3;         // times the allotted deceleration; pose and directions change on the way
 constexpr double kTiny = 1e-9;
 
 // Constant acceleration, then a line down to a braking deceleration, then that: how far, and how fast at most.
@@ -106,7 +108,7 @@ bool Coordinated::stops(std::size_t j, bool up, double rad_s2, double transition
     LITHE_RT {
   if (choice_.open_limit[j] == (up ? 1 : -1)) return true;
   const Joint& joint = joint_[j];
-  const double side = up ? 1 : -1, least = joint.allotted_rad_s2 / (1 + error_), unsure_rad_s = unsure_rad_s_[j];
+  const double side = up ? 1 : -1, least = now_rad_s2_[j] / (1 + error_), unsure_rad_s = unsure_rad_s_[j];
   const double a = side * rad_s2 + unsure_rad_s2;
   Way way{0.5 * unsure_rad_s * observer_.ahead_s(), side * observer_.then().velocity_rad_s[j] + unsure_rad_s};
   way.go(a, a, observer_.hold_s());
@@ -291,10 +293,33 @@ bool Coordinated::restrict_each(JointArray& torque_nm) LITHE_RT {
   return true;
 }
 
+// The allotted deceleration is for the worst pose and the worst directions. Here all torques reach for more.
+void Coordinated::allot_now() LITHE_RT {
+  const JointArray& speed_rad_s = observer_.then().velocity_rad_s;
+  double scale = kNowMost / kNowShare;
+  for (std::size_t j = 0; j < joints_; ++j) {
+    double sure_nm = 0, unsure_nm = 0;  // unsure: of joints that may turn round
+    for (std::size_t k = 0; k < joints_; ++k) {
+      const double nm = observer_.mass_kg_m2()[j][k] * joint_[k].allotted_rad_s2;
+      if (std::abs(speed_rad_s[k]) < kSlowRadS)
+        unsure_nm += std::abs(nm);
+      else
+        sure_nm -= std::copysign(nm, nm * speed_rad_s[k]);
+    }
+    const double usable_nm = robot::kUsableTorque * joint_[j].torque_nm / (1 + error_),
+                 bias_nm = observer_.bias_nm()[j];
+    if (sure_nm + unsure_nm > 0) scale = std::min(scale, (usable_nm - bias_nm) / (sure_nm + unsure_nm));
+    if (sure_nm - unsure_nm < 0) scale = std::min(scale, (usable_nm + bias_nm) / (unsure_nm - sure_nm));
+  }
+  for (std::size_t j = 0; j < joints_; ++j)
+    now_rad_s2_[j] = joint_[j].allotted_rad_s2 * std::max(kNowShare * scale, 1.0);
+}
+
 // A drive that is not asked next keeps what it has.
 void Coordinated::prepare(const Choice& choice) LITHE_RT {
   choice_ = choice;
   beyond_brake_ = {};
+  allot_now();
   for (std::size_t j = 0; j < joints_; ++j) {
     if (!observer_.asked(j)) choice_.least_nm[j] = choice_.most_nm[j] = observer_.felt_nm(j);
     double rad_s2 = 0;

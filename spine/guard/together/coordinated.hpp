@@ -22,8 +22,9 @@ struct Choice {
 // Selects the torques nearest to the wanted ones with which all joints can still be stopped together:
 // 1. Brake: each joint slows down with the deceleration allotted to it (robot/limits/model.hpp), all torques change
 //    along one line as fast as the slew bound lets the slowest. A joint that this does not stop brakes at its own slew.
-// 2. Each joint's acceleration is reduced until its own allotted deceleration still stops it: a joint that leans on its
-//    limit does not hold the others.
+// 2. Each joint's acceleration is reduced until its own deceleration still stops it: a joint that leans on its limit
+//    does not hold the others. The allotted one is for the worst case; counted on is what all torques permit in this
+//    pose and for these directions, between one and three times as much.
 // 3. Line search between brake and what 2 left: the largest share of it with which every joint stops before its
 //    position limits, below its velocity limit, with torques within torque_max_nm at kPoints of the way.
 // Accelerations may be wrong by [model] error; the argument and its assumptions are in docs/adr/0026.
@@ -55,6 +56,7 @@ class Coordinated {
   };
   using Sides = std::array<std::array<bool, 2>, kMaxJoints>;  // down, up
 
+  void allot_now() LITHE_RT;
   void prepare(const Choice& choice) LITHE_RT;
   bool all_stop(const JointArray& torque_nm) LITHE_RT;
   bool torques_reach(const JointArray& position_rad, const JointArray& velocity_rad_s, const JointArray& brake_rad_s2)
@@ -79,7 +81,7 @@ class Coordinated {
   double error_ = 0;
   // Of this tick.
   Choice choice_;
-  JointArray unsure_rad_s_{};
+  JointArray unsure_rad_s_{}, now_rad_s2_{};  // now: the deceleration that a stop counts on
   Brake brake_;
   Sides beyond_brake_{};  // limits before which not even the brake stops
 };
