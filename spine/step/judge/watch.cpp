@@ -78,11 +78,14 @@ void Watch::add(const Probation::Observed& tick, std::uint32_t j) LITHE_RT {
   now.asked.rad_s = std::max(now.asked.rad_s, std::abs(in.setpoint_velocity_rad_s[j]));
   now.asked.rad_s2 = std::max(now.asked.rad_s2, std::abs(in.setpoint_acceleration_rad_s2[j]));
   const double off_rad = std::abs(error), side = error > 0 ? 1.0 : -1.0;
-  const bool comes_nearer = side * in.velocity_rad_s[j] > Probation::kMovingRadS;
-  const bool away = side * torque_nm < -joint_[j].load_nm;
+  if (off_rad > far_rad(j)) {
+    const bool away = side * torque_nm < -joint_[j].load_nm;
+    const bool comes_nearer = side * in.velocity_rad_s[j] > Probation::kMovingRadS;
+    const bool limp = std::abs(torque_nm) < kLimpShare * own_->joints[j].most_nm;
+    now.pushed += away && !comes_nearer ? 1 : 0;
+    now.limp += limp && off_rad > far_rad(j) * asked_more(j) ? 1 : 0;
+  }
   now.ticks += 1;
-  now.pushed += off_rad > far_rad(j) && away && !comes_nearer ? 1 : 0;
-  now.limp += off_rad > far_rad(j) * asked_more(j) && std::abs(torque_nm) < kLimpShare * own_->joints[j].most_nm;
   now.error_rad += off_rad;
   now.most_error_rad = std::max(now.most_error_rad, off_rad);
   now.toward_nm += side * torque_nm;

@@ -140,9 +140,13 @@ class WatchBench : public TickBench {
   }
   // Until the law that runs is taken away, or the robot stops, or so long: the time that it took.
   double follow_until_taken(double seconds) {
+    constexpr double kPartS = 0.05;
     const std::uint32_t law = runs();
     double passed_s = 0;
-    for (; passed_s < seconds && runs() == law && mode() == Mode::active; passed_s += 0.05) follow(0.05);
+    while (passed_s < seconds && runs() == law && mode() == Mode::active) {
+      follow(kPartS);
+      passed_s += kPartS;
+    }
     return passed_s;
   }
   bool taken() { return runs() != 2 || mode() != Mode::active; }

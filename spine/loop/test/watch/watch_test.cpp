@@ -178,7 +178,10 @@ TEST_P(WatchTest, AnObstacleIsAnAlarmAndNotItsFault) {
     return wall && j == strongest() && into_rad > 0 ? push_nm : 0;
   };
   bench_->hz = 0.05;
-  for (; wall_rad < bench_->middle_rad(strongest()) + 0.2; wall_rad += 0.03) bench_->follow(0.1);
+  for (int i = 0; i < 20; ++i) {
+    wall_rad += 0.03;
+    bench_->follow(0.1);
+  }
   bench_->follow_until_taken(20);
   EXPECT_GE(bench_->count(EventKind::law_suspected), 1);
   EXPECT_TRUE(bench_->text(EventKind::law_suspected).starts_with("tracking_lost: joint " + name(strongest())));
