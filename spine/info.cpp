@@ -66,6 +66,13 @@ void write_robot_info(ipc::ChannelMemory<wire::RobotInfo>& memory, const robot::
   }
   info->sensor_count = static_cast<std::uint32_t>(robot.sensors.size());
   for (std::size_t i = 0; i < robot.sensors.size(); ++i) put_text(info->sensor_name, robot.sensors[i].name, 32 * i, 32);
+  info->input_count = static_cast<std::uint32_t>(robot.inputs.size());
+  for (std::size_t i = 0; i < robot.inputs.size(); ++i) {
+    put_text(info->input_name, robot.inputs[i].name, 32 * i, 32);
+    info->input_min[i] = robot.inputs[i].min;
+    info->input_max[i] = robot.inputs[i].max;
+    info->input_value[i] = robot.inputs[i].value;
+  }
   ipc::ChannelWriter<wire::RobotInfo>(memory).write(*info);
 }
 

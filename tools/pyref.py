@@ -74,14 +74,15 @@ def page() -> str:
     """The whole page."""
     sys.path.insert(0, str(ROOT / "brain"))
     import lithe
-    from lithe import certificates, control, gateway, place, robot, shm, telemetry
+    from lithe import certificates, control, gateway, place, shm, telemetry, values
 
     parts = [HEAD.rstrip(), "## Connecting", f"**`lithe.{signature_of(lithe.connect, 'connect')}`**"]
     parts.append(text_of(lithe.connect, "connect"))
     for title, cls, prefix in (
         ("## `Robot`", lithe.Robot, "robot"),
         ("## `robot.telemetry`", telemetry.Telemetry, "robot.telemetry"),
-        ("## `robot.params`", robot.Params, "robot.params"),
+        ("## `robot.params`", values.Params, "robot.params"),
+        ("## `robot.inputs`", values.Inputs, "robot.inputs"),
         ("## `robot.spine`: all that the Spine publishes", shm.SpineView, "robot.spine"),
         ("## `lithe.certificates.Chain`: what verify() found", certificates.Chain, "chain"),
         ("## `Remote`: the same across TCP", lithe.Remote, "remote"),

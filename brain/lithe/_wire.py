@@ -17,9 +17,10 @@ NPARAM = 32
 NBIN = 976
 NLAW = 8
 NS = 16
+NIN = 16
 NF = 32
 NSTATE = 4096
-LAYOUT_HASH = 0xE600B51796F62F03
+LAYOUT_HASH = 0xB977D36C305CA079
 
 
 class Mode(IntEnum):
@@ -149,6 +150,7 @@ class EventKind(IntEnum):
     memory_damaged = 33
     law_marked = 34
     law_suspected = 35
+    inputs_refused = 36
 
 
 class StageResult(IntEnum):
@@ -320,6 +322,8 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("drive_temperature_degc", "<f8", (32,), 3104),
         ("law_torque_nm", "<f8", (32,), 3360),
         ("setpoint_acceleration_rad_s2", "<f8", (32,), 3616),
+        ("input", "<f8", (16,), 3872),
+        ("input_age_ns", "<i8", (), 4000),
     ],
     "Event": [
         ("t_ns", "<i8", (), 0),
@@ -339,6 +343,11 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("t_ns", "<i8", (16,), 24),
         ("position_rad", "<f8", (16, 32), 152),
         ("velocity_rad_s", "<f8", (16, 32), 4248),
+    ],
+    "Inputs": [
+        ("count", "<u4", (), 0),
+        ("pad0", "u1", (4,), 4),
+        ("value", "<f8", (16,), 8),
     ],
     "PlanDecision": [
         ("plan_id", "<u8", (), 0),
@@ -469,6 +478,12 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("values_hash", "<u8", (), 3456),
         ("sensor_name", "S32", (16,), 3464),
         ("joint_group", "S32", (32,), 3976),
+        ("input_count", "<u4", (), 5000),
+        ("pad1", "u1", (4,), 5004),
+        ("input_name", "S32", (16,), 5008),
+        ("input_min", "<f8", (16,), 5520),
+        ("input_max", "<f8", (16,), 5648),
+        ("input_value", "<f8", (16,), 5776),
     ],
     "Histogram": [
         ("bin", "<u8", (976,), 0),
@@ -486,9 +501,10 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
 }
 SIZES = {
     "SegmentHeader": 88,
-    "Telemetry": 3872,
+    "Telemetry": 4008,
     "Event": 136,
     "Plan": 8344,
+    "Inputs": 136,
     "PlanDecision": 160,
     "Command": 408,
     "StageRequest": 784,
@@ -497,7 +513,7 @@ SIZES = {
     "LawInfo": 3568,
     "LawState": 4112,
     "Params": 272,
-    "RobotInfo": 5000,
+    "RobotInfo": 5904,
     "Histogram": 7840,
     "Health": 32,
 }
@@ -516,26 +532,26 @@ class Item(NamedTuple):
 
 SEGMENTS: dict[str, dict[str, Item]] = {
     "spine": {
-        "robot_info": Item("channel", "RobotInfo", 0, 1, 128, 20608),
-        "telemetry": Item("ring", "Telemetry", 4096, 1, 20736, 15990912),
-        "events_tick": Item("ring", "Event", 256, 1, 16011648, 49280),
-        "events_loader": Item("ring", "Event", 256, 1, 16060928, 49280),
-        "params": Item("channel", "Params", 0, 1, 16110208, 1664),
-        "law_info": Item("channel", "LawInfo", 0, 8, 16111872, 14464),
-        "law_faults": Item("ring", "LawFault", 64, 1, 16227584, 8320),
-        "shadow": Item("channel", "ShadowReport", 0, 1, 16235904, 2688),
-        "law_state": Item("channel", "LawState", 0, 1, 16238592, 17024),
-        "release_jitter": Item("plain", "Histogram", 0, 1, 16255616, 7936),
-        "handoff": Item("plain", "Histogram", 0, 1, 16263552, 7936),
-        "law": Item("plain", "Histogram", 0, 1, 16271488, 7936),
-        "guard": Item("plain", "Histogram", 0, 1, 16279424, 7936),
-        "tick": Item("plain", "Histogram", 0, 1, 16287360, 7936),
-        "bus": Item("plain", "Histogram", 0, 1, 16295296, 7936),
-        "control_ack": Item("ack", "Command", 16, 1, 16303232, 256),
-        "brain_ack": Item("ack", "Command", 16, 1, 16303488, 256),
-        "stage_ack": Item("ack", "StageRequest", 4, 1, 16303744, 256),
-        "health": Item("plain", "Health", 0, 1, 16304000, 128),
-        "plan_decisions": Item("ring", "PlanDecision", 4096, 1, 16304128, 786560),
+        "robot_info": Item("channel", "RobotInfo", 0, 1, 128, 24192),
+        "telemetry": Item("ring", "Telemetry", 4096, 1, 24320, 16515200),
+        "events_tick": Item("ring", "Event", 256, 1, 16539520, 49280),
+        "events_loader": Item("ring", "Event", 256, 1, 16588800, 49280),
+        "params": Item("channel", "Params", 0, 1, 16638080, 1664),
+        "law_info": Item("channel", "LawInfo", 0, 8, 16639744, 14464),
+        "law_faults": Item("ring", "LawFault", 64, 1, 16755456, 8320),
+        "shadow": Item("channel", "ShadowReport", 0, 1, 16763776, 2688),
+        "law_state": Item("channel", "LawState", 0, 1, 16766464, 17024),
+        "release_jitter": Item("plain", "Histogram", 0, 1, 16783488, 7936),
+        "handoff": Item("plain", "Histogram", 0, 1, 16791424, 7936),
+        "law": Item("plain", "Histogram", 0, 1, 16799360, 7936),
+        "guard": Item("plain", "Histogram", 0, 1, 16807296, 7936),
+        "tick": Item("plain", "Histogram", 0, 1, 16815232, 7936),
+        "bus": Item("plain", "Histogram", 0, 1, 16823168, 7936),
+        "control_ack": Item("ack", "Command", 16, 1, 16831104, 256),
+        "brain_ack": Item("ack", "Command", 16, 1, 16831360, 256),
+        "stage_ack": Item("ack", "StageRequest", 4, 1, 16831616, 256),
+        "health": Item("plain", "Health", 0, 1, 16831872, 128),
+        "plan_decisions": Item("ring", "PlanDecision", 4096, 1, 16832000, 786560),
     },
     "control": {
         "commands": Item("mailbox", "Command", 16, 1, 128, 7296),
@@ -546,12 +562,13 @@ SEGMENTS: dict[str, dict[str, Item]] = {
         "plan": Item("channel", "Plan", 0, 1, 128, 33920),
         "commands": Item("mailbox", "Command", 16, 1, 34048, 7296),
         "estop": Item("word", "", 0, 1, 41344, 128),
+        "inputs": Item("channel", "Inputs", 0, 1, 41472, 1152),
     },
 }
 SEGMENT_BYTES = {
-    "spine": 17090688,
+    "spine": 17618560,
     "control": 11008,
-    "brain": 41472,
+    "brain": 42624,
 }
 
 CANONICAL_SCHEMA = (
@@ -606,6 +623,8 @@ CANONICAL_SCHEMA = (
     "Telemetry.drive_temperature_degc:float64[32]:3104:256:degC\n"
     "Telemetry.law_torque_nm:float64[32]:3360:256:N m\n"
     "Telemetry.setpoint_acceleration_rad_s2:float64[32]:3616:256:rad/s^2\n"
+    "Telemetry.input:float64[16]:3872:128:1\n"
+    "Telemetry.input_age_ns:int64[1]:4000:8:ns\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -621,6 +640,9 @@ CANONICAL_SCHEMA = (
     "Plan.t_ns:int64[16]:24:128:ns\n"
     "Plan.position_rad:float64[512]:152:4096:rad\n"
     "Plan.velocity_rad_s:float64[512]:4248:4096:rad/s\n"
+    "Inputs.count:uint32[1]:0:4:-\n"
+    "Inputs.pad0:uint8[4]:4:4:-\n"
+    "Inputs.value:float64[16]:8:128:1\n"
     "PlanDecision.plan_id:uint64[1]:0:8:-\n"
     "PlanDecision.t_ns:int64[1]:8:8:ns\n"
     "PlanDecision.reject:uint32[1]:16:4:-\n"
@@ -733,6 +755,12 @@ CANONICAL_SCHEMA = (
     "RobotInfo.values_hash:uint64[1]:3456:8:-\n"
     "RobotInfo.sensor_name:char[512]:3464:512:-\n"
     "RobotInfo.joint_group:char[1024]:3976:1024:-\n"
+    "RobotInfo.input_count:uint32[1]:5000:4:-\n"
+    "RobotInfo.pad1:uint8[4]:5004:4:-\n"
+    "RobotInfo.input_name:char[512]:5008:512:-\n"
+    "RobotInfo.input_min:float64[16]:5520:128:1\n"
+    "RobotInfo.input_max:float64[16]:5648:128:1\n"
+    "RobotInfo.input_value:float64[16]:5776:128:1\n"
     "Histogram.bin:uint64[976]:0:7808:-\n"
     "Histogram.count:uint64[1]:7808:8:-\n"
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"
@@ -743,31 +771,32 @@ CANONICAL_SCHEMA = (
     "Health.control_violations:uint64[1]:16:8:-\n"
     "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
-    "spine/telemetry:ring:Telemetry:4096x1:20736\n"
-    "spine/events_tick:ring:Event:256x1:16011648\n"
-    "spine/events_loader:ring:Event:256x1:16060928\n"
-    "spine/params:channel:Params:0x1:16110208\n"
-    "spine/law_info:channel:LawInfo:0x8:16111872\n"
-    "spine/law_faults:ring:LawFault:64x1:16227584\n"
-    "spine/shadow:channel:ShadowReport:0x1:16235904\n"
-    "spine/law_state:channel:LawState:0x1:16238592\n"
-    "spine/release_jitter:plain:Histogram:0x1:16255616\n"
-    "spine/handoff:plain:Histogram:0x1:16263552\n"
-    "spine/law:plain:Histogram:0x1:16271488\n"
-    "spine/guard:plain:Histogram:0x1:16279424\n"
-    "spine/tick:plain:Histogram:0x1:16287360\n"
-    "spine/bus:plain:Histogram:0x1:16295296\n"
-    "spine/control_ack:ack:Command:16x1:16303232\n"
-    "spine/brain_ack:ack:Command:16x1:16303488\n"
-    "spine/stage_ack:ack:StageRequest:4x1:16303744\n"
-    "spine/health:plain:Health:0x1:16304000\n"
-    "spine/plan_decisions:ring:PlanDecision:4096x1:16304128\n"
+    "spine/telemetry:ring:Telemetry:4096x1:24320\n"
+    "spine/events_tick:ring:Event:256x1:16539520\n"
+    "spine/events_loader:ring:Event:256x1:16588800\n"
+    "spine/params:channel:Params:0x1:16638080\n"
+    "spine/law_info:channel:LawInfo:0x8:16639744\n"
+    "spine/law_faults:ring:LawFault:64x1:16755456\n"
+    "spine/shadow:channel:ShadowReport:0x1:16763776\n"
+    "spine/law_state:channel:LawState:0x1:16766464\n"
+    "spine/release_jitter:plain:Histogram:0x1:16783488\n"
+    "spine/handoff:plain:Histogram:0x1:16791424\n"
+    "spine/law:plain:Histogram:0x1:16799360\n"
+    "spine/guard:plain:Histogram:0x1:16807296\n"
+    "spine/tick:plain:Histogram:0x1:16815232\n"
+    "spine/bus:plain:Histogram:0x1:16823168\n"
+    "spine/control_ack:ack:Command:16x1:16831104\n"
+    "spine/brain_ack:ack:Command:16x1:16831360\n"
+    "spine/stage_ack:ack:StageRequest:4x1:16831616\n"
+    "spine/health:plain:Health:0x1:16831872\n"
+    "spine/plan_decisions:ring:PlanDecision:4096x1:16832000\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:10880\n"
     "brain/plan:channel:Plan:0x1:128\n"
     "brain/commands:mailbox:Command:16x1:34048\n"
     "brain/estop:word:-:0x1:41344\n"
+    "brain/inputs:channel:Inputs:0x1:41472\n"
 )
 
 assert ctypes.sizeof(SegmentHeader) == SIZES["SegmentHeader"]

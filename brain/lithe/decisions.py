@@ -18,6 +18,7 @@ from .errors import Refused
 from .shm import RingCursor, SpineView
 
 OTHER_CLOCK_S = 1.0  # a clock that is so far from the Spine's is another one, and not late
+MOST_TURNS_RAD = 4 * math.pi  # an angle beyond it is probably in degrees
 TURN_RAD = 1.0  # a way that is so near 2 pi is probably a jump from one turn to the next
 _TICKS_WITHIN_S = 0.05
 _NEXT = {
@@ -74,6 +75,8 @@ class Decisions:
     def _next_step(self, reason: PlanReject, numbers: dict[str, Any]) -> str:
         if reason in (PlanReject.too_old, PlanReject.too_far):
             return other_clock(clock_ahead_s(self._spine)) or _NEXT[reason]
+        if reason == PlanReject.position_limit and abs(numbers["value"]) > MOST_TURNS_RAD:
+            return f"angles are in radians: {numbers['value']:g} degrees are {math.radians(numbers['value']):.3f}"
         if reason != PlanReject.velocity_limit:
             return _NEXT[reason]
         if numbers["needs_s"] == 0:

@@ -25,37 +25,9 @@ from .files import read_regular
 from .heartbeat import Heartbeat, period_s
 from .shm import BrainWriter, SpineView
 from .telemetry import Telemetry
+from .values import Inputs, Params
 
 _log = logging.getLogger("lithe")
-
-
-class Params:
-    """Live parameters of the running law: `robot.params["kp_nm_rad"] = 8.0`, or several at once with set()."""
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-
-    def get(self) -> dict[str, dict[str, float]]:
-        """Name -> {value, min, max}."""
-        answer = self._robot.call("params")
-        return {entry["name"]: {key: entry[key] for key in ("value", "min", "max")} for entry in answer["params"]}
-
-    def set(self, **values: float) -> Any:
-        """Sets all of them in one tick after they have passed the trial, or none."""
-        return self._robot.call("set_params", values=values)
-
-    def revert(self) -> Any:
-        """The values before the last change; a second time, that change again."""
-        return self._robot.call("revert_params")
-
-    def __getitem__(self, name: str) -> float:
-        params = self.get()
-        if name not in params:
-            raise LitheError(f"the running law has no parameter '{name}'\n  next: one of {', '.join(params)}")
-        return params[name]["value"]
-
-    def __setitem__(self, name: str, value: float) -> None:
-        self.set(**{name: value})
 
 
 class Robot:
@@ -83,6 +55,7 @@ class Robot:
         self.telemetry = Telemetry(self.spine)
         self._decisions = Decisions(self.spine)
         self.params = Params(self)
+        self.inputs = Inputs(self)
         place.warn_if_late()
         if writes_plans and (words := other_clock(clock_ahead_s(self.spine))):
             _log.warning("plans and heartbeats of this Brain have wrong times: %s", words)

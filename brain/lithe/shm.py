@@ -27,7 +27,7 @@ import numpy.typing as npt
 from . import _wire
 from .errors import BadPlan, ShmError
 from .shim import shim
-from .state import fields_of
+from .values import fields_of
 
 SAFELY = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK  # others may put links and pipes into /dev/shm
 _TORN = 2**64 - 1
@@ -365,6 +365,14 @@ class BrainWriter:
             plan["velocity_rad_s"][:count, :joints] = speeds
             shim().lithe_channel_write(self.mapping.item("plan")[1], plan.ctypes.data, plan.dtype.itemsize)
             self.beat()
+
+    def write_inputs(self, values: list[float]) -> None:
+        """All inputs of the robot, in its order. The Spine refuses all of them when one is out of range."""
+        with self._publishing:
+            self._check_lease()
+            inputs = np.zeros((), dtype("Inputs"))
+            inputs["count"], inputs["value"][: len(values)] = len(values), values
+            shim().lithe_channel_write(self.mapping.item("inputs")[1], inputs.ctypes.data, inputs.dtype.itemsize)
 
     def send(self, letter: npt.NDArray[Any], spine: SpineView) -> int:
         """Puts a Command into the Brain's mailbox; its ticket for SpineView.answer(), 0 while the mailbox is full."""

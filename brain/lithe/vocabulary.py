@@ -93,11 +93,9 @@ _FIELDS = _list(
     "sample's time); a wrong name is refused with the list of all",
 )
 _BRIEF = _flag("false: the whole (default true)")
+_ARM = {"all_the_same": _flag("true: also a law that has stopped the robot")}
 _NUMBERS: Schema = {"type": "array", "items": {"type": "number"}}
-_EACH: Schema = {
-    "description": "one number for all joints, or one for each",
-    "anyOf": [{"type": "number"}, _NUMBERS],
-}
+_EACH: Schema = {"description": "one number for all joints, or one for each", "anyOf": [{"type": "number"}, _NUMBERS]}
 _LAW = {
     "source": _text("the whole law: C++ that includes <lithe/law.hpp>"),
     "name": _text("its name in diagnostics and certificate, for example pd.cpp"),
@@ -109,7 +107,6 @@ _TERMS = {
     "brief": _flag("true (default): less than 2 kB; the certificate is the document it names. false: the whole"),
 }
 _WAYPOINTS = _list(_NUMBERS, "one row per waypoint, one number per joint", maxItems=16)
-_ARM = {"all_the_same": _flag("true: also a law that has stopped the robot")}
 
 _VERBS = (
     Verb(
@@ -267,6 +264,15 @@ _VERBS = (
         tier=Tier.move,
     ),
     Verb(
+        "set_inputs",
+        "Numbers for the running law beside the plan (`describe.inputs`), from the next tick on; the others stay.",
+        Effect.moves,
+        args={"values": {**_VALUES, "description": "input name -> number in its range; {}: only keeps them fresh"}},
+        required=("values",),
+        first=True,
+        tier=Tier.move,
+    ),
+    Verb(
         "set_reference",
         "Streams a reference from now on; faded in from where the joints are, checked against their limits first. "
         "`warning`: what is still on probation, and may go back by this motion.",
@@ -296,13 +302,7 @@ _VERBS = (
     Verb("reference", "The reference that is streamed, since when, its interruptions, and why the one before ended."),
     Verb("stop_reference", "The reference comes to rest.", Effect.stops, first=True),
     Verb("arm", "Torque on: the law runs from the next tick.", Effect.moves, args=_ARM, first=True, tier=Tier.move),
-    Verb(
-        "recover",
-        "Brings joints that are outside their limits inside, slowly and without a law.",
-        Effect.moves,
-        first=True,
-        tier=Tier.move,
-    ),
+    Verb("recover", "Brings joints back inside their limits, slowly.", Effect.moves, first=True, tier=Tier.move),
     Verb("reset", "Clears e-stop or safe stop; the robot is disarmed then.", Effect.moves, first=True, tier=Tier.move),
     Verb("sim_reset", "Disarmed simulated robots: the joints go back to their start.", Effect.moves, tier=Tier.move),
     Verb(

@@ -212,3 +212,20 @@ def test_without_pinocchio_the_package_is_named(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     with pytest.raises(LitheError, match="pip install pin"):
         describe_model("any.urdf")
+
+
+def test_what_pinocchio_throws_is_told_with_the_file(pin: Any, tmp_path: Path) -> None:
+    """Two unnamed defaults, no XML, and a name that is none: never a traceback."""
+    two = LEG.replace(
+        "<worldbody>", '<default><joint damping="1"/></default><default><joint armature="1"/></default><worldbody>'
+    )
+    for name, text in [
+        ("two.xml", two),
+        ("text.xml", "a leg"),
+        ("empty.urdf", ""),
+        ("class.xml", LEG.replace("axis=", 'class="b" axis=')),
+    ]:
+        path = tmp_path / name
+        path.write_text(text)
+        with pytest.raises(LitheError, match=name):
+            describe_model(path, NAMES)

@@ -198,8 +198,11 @@ def test_every_plan_has_an_answer_of_its_own_however_many_are_refused(robot: lit
             robot.decided(plan)
         assert refusal.value.code == "refused_plan" and refusal.value.detail["reason"] == "position_limit"
         assert refusal.value.detail["value"] == 9.0 and refusal.value.detail["limit"] == 3.0
+    degrees = robot.publish([now_ns() + 10**9], [[90.0]], streaming=False)
+    with pytest.raises(Refused, match=r"angles are in radians: 90 degrees are 1\.571"):
+        robot.decided(degrees, wait_s=60)
     assert [robot.decided(plan) for plan in reversed(good)] == [True] * 8
-    assert robot.decided(good[-1] + 1) is False, "nobody published it"
+    assert robot.decided(degrees + 1) is False, "nobody published it"
     for verb, next_step in (("hold", "arm, then"), ("estop", "reset, then arm"), ("reset", "arm, then")):
         robot.call(verb)
         with pytest.raises(Refused) as refusal:

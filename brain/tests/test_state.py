@@ -10,7 +10,7 @@ import pytest
 from lithe._wire import StateKind
 from lithe.remote import Remote
 from lithe.shm import SpineView
-from lithe.state import NUMBERS
+from lithe.values import NUMBERS
 from segments import Writer, own_prefix, remove
 from system.robot_rig import ROOT, RobotRig
 

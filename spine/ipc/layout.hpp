@@ -64,6 +64,7 @@ struct BrainMemory {
   ChannelMemory<wire::Plan> plan;
   CommandMailbox commands;
   StickyWord estop;
+  ChannelMemory<wire::Inputs> inputs;
 };
 
 static_assert(offsetof(SpineMemory, robot_info) == wire::spine_segment::kRobotInfoOffset);
@@ -88,6 +89,7 @@ static_assert(sizeof(ControlMemory) == wire::control_segment::kBytes);
 static_assert(offsetof(BrainMemory, plan) == wire::brain_segment::kPlanOffset);
 static_assert(offsetof(BrainMemory, commands) == wire::brain_segment::kCommandsOffset);
 static_assert(offsetof(BrainMemory, estop) == wire::brain_segment::kEstopOffset);
+static_assert(offsetof(BrainMemory, inputs) == wire::brain_segment::kInputsOffset);
 static_assert(sizeof(BrainMemory) == wire::brain_segment::kBytes);
 
 }  // namespace lithe::ipc

@@ -26,6 +26,7 @@ inline void dry_input(Tick& tick, std::uint64_t k, std::uint32_t joints) {
   tick.joints = joints;
   tick.sample_age_s = tick.dt_s;
   tick.sensor.fill(kAbsent);
+  tick.input_age_s = tick.dt_s;
   if (k < kDryStepsAtRest) return;
   for (std::size_t i = 0; i < kMaxSensors; ++i) tick.sensor[i] = 1 + 0.5 * std::sin(tick.t_s + static_cast<double>(i));
   for (std::uint32_t j = 0; j < joints; ++j) {

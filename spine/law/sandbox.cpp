@@ -24,6 +24,8 @@ void Sandbox::enter(const Resident& law, const Tick& in) LITHE_RT {
   copy_joints(in.setpoint_velocity_rad_s, tick.setpoint_velocity_rad_s, joints);
   copy_joints(in.setpoint_acceleration_rad_s2, tick.setpoint_acceleration_rad_s2, joints);
   tick.sensor = in.sensor;
+  tick.input = in.input;
+  tick.input_age_s = in.input_age_s;
   const LitheLaw& descriptor = *law.descriptor;
   std::memcpy(params.data(), law.params.data(),
               std::min<std::size_t>(descriptor.param_count, kMaxParams) * sizeof(Param));

@@ -22,6 +22,7 @@ Inbox::Inbox(ipc::SpineMemory& spine, const ipc::ControlMemory& control, const i
       control_(control.commands, spine.control_ack),
       brain_(brain.commands, spine.brain_ack),
       plan_reader_(brain.plan),
+      input_reader_(brain.inputs),
       health_(&spine.health) {}
 
 const wire::Command* Inbox::next_command() LITHE_RT {

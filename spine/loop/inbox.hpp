@@ -35,6 +35,9 @@ class Inbox {
   // True if the last new_plan() gave up: a plan is there, but four reads were all torn.
   bool plan_torn() const LITHE_RT { return plan_torn_; }
 
+  // The Spine's own copy of new inputs to the law; null: none came. A torn one counts as none: the next is soon there.
+  const wire::Inputs* new_inputs() LITHE_RT { return input_reader_.read(inputs_) ? &inputs_ : nullptr; }
+
   bool supervised() const LITHE_RT;
 
   // Age of the Brain's last heartbeat [ns]; -1 before the first. A heartbeat with a time in the future is ignored.
@@ -51,12 +54,14 @@ class Inbox {
   Receiver control_;
   Receiver brain_;
   ipc::ChannelReader<wire::Plan> plan_reader_;
+  ipc::ChannelReader<wire::Inputs> input_reader_;
   wire::Health told_{};
   ipc::HealthMemory* health_;
   wire::Command command_{};
   Receiver* from_ = &control_;  // the last command
   std::uint64_t ticket_ = 0;    // likewise
   wire::Plan plan_{};
+  wire::Inputs inputs_{};
   bool plan_torn_ = false;
 };
 

@@ -57,6 +57,7 @@ const step::Report& Spine::decide(step::Input in) LITHE_RT {
   in.brain_age_ns = inbox_.brain_age_ns(in.now_ns);
   if (inbox_.new_plan()) in.plan = &inbox_.plan();
   in.plan_torn = inbox_.plan_torn();
+  in.inputs = inbox_.new_inputs();
   const step::Report& report = step_.run(in, host_, handover_.next_command(), out_.record());  // u_{k+1}
   if (in.command != nullptr) inbox_.answer(report.answer);
   return report;

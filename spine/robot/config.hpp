@@ -29,6 +29,7 @@ enum class WatchAction { alarm, stop, last_good };         // what follows when 
 enum class PlantKind { independent, chain, mujoco };       // coupling of simulated joints
 
 inline constexpr std::size_t kMaxSensors = 16;  // the size of Tick::sensor
+inline constexpr std::size_t kMaxInputs = 16;   // the size of Tick::input
 
 struct SpineConfig {
   Release release = Release::spin;
@@ -132,6 +133,13 @@ struct SensorConfig {
   std::uint32_t channel = 0;
   double scale = 1.0;
   double offset = 0.0;
+};
+
+// A number that the Brain sends to the law beside the plan: a wanted velocity, a phase, a target. It is never tried.
+struct InputConfig {
+  std::string name;
+  double min = 0, max = 0;
+  double value = 0;  // until the Brain sends one
 };
 
 // [plant]: how the simulated joints are coupled.
@@ -240,6 +248,7 @@ struct RobotConfig {
   std::vector<DeviceConfig> devices;
   std::vector<JointConfig> joints;
   std::vector<SensorConfig> sensors;
+  std::vector<InputConfig> inputs;
   std::string values;              // what the file says, one `key = value` a line, defaults too; without `law`
   std::vector<std::string> notes;  // valid settings with a disadvantage, one sentence each
 };

@@ -47,6 +47,7 @@ class File {
       top_.tables("joint");
       top_.tables("sensor", Need::optional);
     }
+    read_inputs();
     top_.finish();
   }
 
@@ -135,6 +136,26 @@ class File {
     }
     if (robot_.sensors.size() > kMaxSensors)
       report_.add({}, fmt::format("{} sensors, LITHE carries {}; remove some", robot_.sensors.size(), kMaxSensors));
+  }
+
+  void read_inputs() {
+    for (const toml::table* table : top_.tables("input", Need::optional)) {
+      InputConfig& input = robot_.inputs.emplace_back();
+      Reader in(*table, where("input", *table), report_);
+      in.identifier("name", input.name);
+      const std::size_t mistakes = report_.count();
+      in.number("min", input.min, {-kBig, kBig}, Need::required);
+      in.number("max", input.max, {-kBig, kBig}, Need::required);
+      input.value = std::clamp(0.0, std::min(input.min, input.max), input.max);
+      in.number("value", input.value, {-kBig, kBig});
+      if (report_.count() == mistakes && !(input.min <= input.value && input.value <= input.max))
+        in.complain("value", fmt::format("min = {:g}, value = {:g}, max = {:g} are not in this order; correct them",
+                                         input.min, input.value, input.max));
+      in.finish();
+      refuse_twin(in, "input", robot_.inputs);
+    }
+    if (robot_.inputs.size() > kMaxInputs)
+      report_.add({}, fmt::format("{} inputs, LITHE carries {}; remove some", robot_.inputs.size(), kMaxInputs));
   }
 
   void read_joints() {
@@ -249,6 +270,11 @@ void note_costs(RobotConfig& robot) {
         fmt::format("release = \"sleep\" at {} Hz: waking takes tens of microseconds of every {:.0f}; "
                     "\"spin\" is exact",
                     robot.rate_hz, 1.0e6 / robot.rate_hz));
+  }
+  if (robot.plant.model.ends_with(".urdf")) {
+    robot.notes.emplace_back(
+        "[plant] model is a URDF: MuJoCo takes joints, masses and friction from it, and no armature, which it has not; "
+        "compare inertia_max_kg_m2, or write the model as MJCF");
   }
   for (const JointConfig& joint : robot.joints) {
     if (joint.sim.initial_position_rad < joint.position_min_rad ||

@@ -52,6 +52,7 @@ void ControlStep::listen(const Input& in) LITHE_RT {
     take_plan(*in.plan);
   else if (in.plan_torn)
     miss_plan();
+  if (in.inputs != nullptr) take_inputs(*in.inputs);
 }
 
 // The housekeeping core found damaged memory: the process cannot be trusted any more, so the robot stops.
@@ -229,6 +230,32 @@ void ControlStep::answer(const wire::Plan& plan, const wire::PlanDecision& decid
 void ControlStep::miss_plan() LITHE_RT {
   if (robot_.brain.on_torn_plan != robot::MissPolicy::stop || mode_.mode() != wire::Mode::active) return;
   fail(wire::Fault::plan_torn, "plan_torn: four tries brought no whole plan of the Brain");
+}
+
+// All of them or none. They are not tried, so nothing outside the robot file's ranges reaches a law.
+void ControlStep::take_inputs(const wire::Inputs& inputs) LITHE_RT {
+  const std::size_t count = robot_.inputs.size();
+  EventText why;
+  if (inputs.count != count) {
+    why.number(inputs.count, 0) << " inputs, the robot has ";
+    return refuse_inputs(inputs.count, why.number(static_cast<double>(count), 0));
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    const robot::InputConfig& input = robot_.inputs[i];
+    const double value = inputs.value[i];
+    if (value >= input.min && value <= input.max) continue;  // false for NaN
+    (why << input.name << " = ").number(value, 3) << ", allowed ";
+    why.number(input.min, 3) << " to ";
+    return refuse_inputs(value, why.number(input.max, 3));
+  }
+  std::copy_n(inputs.value.begin(), count, in_.input.begin());
+  inputs_ns_ = report_.now_ns();
+  inputs_refused_ = false;
+}
+
+void ControlStep::refuse_inputs(double value, const EventText& why) LITHE_RT {
+  if (!inputs_refused_) report_.event(EventKind::inputs_refused, 0, 0, value, why.text());
+  inputs_refused_ = true;
 }
 
 CommandResult Laws::set_params(const wire::Command& command) LITHE_RT {

@@ -20,6 +20,7 @@ ControlStep::ControlStep(const robot::RobotConfig& robot, law::Slot& slot, law::
   guard_.configure(robot);
   in_.joints = static_cast<std::uint32_t>(robot.joints.size());
   in_.dt_s = static_cast<double>(std::llround(1e9 / robot.rate_hz)) * 1e-9;
+  for (std::size_t i = 0; i < robot.inputs.size(); ++i) in_.input[i] = robot.inputs[i].value;
 }
 
 const Report& ControlStep::run(const Input& in, Host& host, hal::ActuatorCommand& command, wire::Telemetry& record)
@@ -75,7 +76,10 @@ void ControlStep::look(const Input& in) LITHE_RT {
   const bool fresh = in.exchanged && sample.sample_ns != 0;  // 0 before the first exchange
   in_.tick = in.tick;
   in_.t_ns = in.now_ns;
-  in_.flags = (fresh ? 0 : kSampleStale) | (brain_stale_ ? kBrainStale : 0);
+  in_.input_age_s =
+      inputs_ns_ == 0 ? std::numeric_limits<double>::infinity() : static_cast<double>(in.now_ns - inputs_ns_) * 1e-9;
+  const bool inputs_stale = in_.input_age_s > robot_.brain.stale_after_s;
+  in_.flags = (fresh ? 0 : kSampleStale) | (brain_stale_ ? kBrainStale : 0) | (inputs_stale ? kInputStale : 0);
   in_.sample_age_s = static_cast<double>(in.now_ns - sample.sample_ns) * 1e-9;
   in_.brain_age_s =
       in.brain_age_ns < 0 ? std::numeric_limits<double>::infinity() : static_cast<double>(in.brain_age_ns) * 1e-9;
@@ -91,6 +95,7 @@ void ControlStep::look(const Input& in) LITHE_RT {
     in_.setpoint_acceleration_rad_s2[j] = stopped ? 0.0 : planned.acceleration_rad_s2[j];
   }
   static_assert(kMaxSensors == robot::kMaxSensors && kMaxSensors == wire::kNs);
+  static_assert(kMaxInputs == robot::kMaxInputs && kMaxInputs == wire::kNin);
   in_.sensor = sample.sensor;
 }
 
@@ -217,6 +222,8 @@ void ControlStep::fill(const Input& in, wire::Telemetry& record) const LITHE_RT 
     record.drive_temperature_degc[j] = drive.temperature_degc;
   }
   record.sensor = sample.sensor;
+  record.input = in_.input;
+  record.input_age_ns = inputs_ns_ == 0 ? -1 : in.now_ns - inputs_ns_;
 }
 
 // Commit, one atomic exchange: the staged law runs from the next tick on.

@@ -35,10 +35,11 @@ struct Input {
   bool estop_pressed = false;        // one of the sticky words is set
   std::int64_t brain_age_ns = -1;    // since the Brain's last heartbeat; -1 = none so far
   const wire::Command* command = nullptr;
-  bool untried = false;              // the command's parameters skipped the trial although there is one
-  const wire::Plan* plan = nullptr;  // a new one
-  bool plan_torn = false;            // there is a plan, but it was not read complete
-  const char* damaged = nullptr;     // name of constant memory that was changed; null: none
+  bool untried = false;                  // the command's parameters skipped the trial although there is one
+  const wire::Plan* plan = nullptr;      // a new one
+  bool plan_torn = false;                // there is a plan, but it was not read complete
+  const wire::Inputs* inputs = nullptr;  // new ones
+  const char* damaged = nullptr;         // name of constant memory that was changed; null: none
 };
 
 // The interpolator, the mode, the laws and the guard, in the order of the timing figure.
@@ -89,6 +90,8 @@ class ControlStep {
   void take_plan(const wire::Plan& plan) LITHE_RT;
   void answer(const wire::Plan& plan, const wire::PlanDecision& decided) LITHE_RT;
   void miss_plan() LITHE_RT;
+  void take_inputs(const wire::Inputs& inputs) LITHE_RT;
+  void refuse_inputs(double value, const EventText& why) LITHE_RT;
   void fail(wire::Fault fault, std::string_view text) LITHE_RT;
 
   const robot::RobotConfig& robot_;
@@ -104,6 +107,8 @@ class ControlStep {
   bool recovered_ = false;         // in mode recover: all joints are inside their limits
   bool memory_whole_ = true;
   bool brain_stale_ = true;
+  std::int64_t inputs_ns_ = 0;  // when the last came; 0 = none yet
+  bool inputs_refused_ = false;
   wire::Plan resting_plan_;  // a plan, with the joints that are stopped at rest
 
   // Of a `disarm` or `reset` that came while a joint moved.

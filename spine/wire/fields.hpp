@@ -65,6 +65,8 @@ void for_each_field(Telemetry& message, Visit&& visit) {
   visit("drive_temperature_degc", message.drive_temperature_degc);
   visit("law_torque_nm", message.law_torque_nm);
   visit("setpoint_acceleration_rad_s2", message.setpoint_acceleration_rad_s2);
+  visit("input", message.input);
+  visit("input_age_ns", message.input_age_ns);
 }
 
 template <class Visit>
@@ -88,6 +90,13 @@ void for_each_field(Plan& message, Visit&& visit) {
   visit("t_ns", message.t_ns);
   visit("position_rad", message.position_rad);
   visit("velocity_rad_s", message.velocity_rad_s);
+}
+
+template <class Visit>
+void for_each_field(Inputs& message, Visit&& visit) {
+  visit("count", message.count);
+  visit("pad0", message.pad0);
+  visit("value", message.value);
 }
 
 template <class Visit>
@@ -236,6 +245,12 @@ void for_each_field(RobotInfo& message, Visit&& visit) {
   visit("values_hash", message.values_hash);
   visit("sensor_name", message.sensor_name);
   visit("joint_group", message.joint_group);
+  visit("input_count", message.input_count);
+  visit("pad1", message.pad1);
+  visit("input_name", message.input_name);
+  visit("input_min", message.input_min);
+  visit("input_max", message.input_max);
+  visit("input_value", message.input_value);
 }
 
 template <class Visit>
@@ -262,6 +277,7 @@ void for_each_message(Visit&& visit) {
   visit("Telemetry", Telemetry{});
   visit("Event", Event{});
   visit("Plan", Plan{});
+  visit("Inputs", Inputs{});
   visit("PlanDecision", PlanDecision{});
   visit("Command", Command{});
   visit("StageRequest", StageRequest{});

@@ -24,6 +24,7 @@ inline constexpr std::size_t kNparam = 32;
 inline constexpr std::size_t kNbin = 976;
 inline constexpr std::size_t kNlaw = 8;
 inline constexpr std::size_t kNs = 16;
+inline constexpr std::size_t kNin = 16;
 inline constexpr std::size_t kNf = 32;
 inline constexpr std::size_t kNstate = 4096;
 static_assert(kNj == kMaxJoints, "schema/wire.toml NJ and the build option LITHE_NJ must agree");
@@ -343,6 +344,7 @@ enum class EventKind : std::uint32_t {
   memory_damaged = 33,
   law_marked = 34,
   law_suspected = 35,
+  inputs_refused = 36,
 };
 
 // The name of `value`, or "?" for a number that is not one of EventKind.
@@ -420,6 +422,8 @@ constexpr std::string_view to_string(EventKind value) LITHE_RT {
       return "law_marked";
     case EventKind::law_suspected:
       return "law_suspected";
+    case EventKind::inputs_refused:
+      return "inputs_refused";
   }
   return "?";
 }
@@ -706,10 +710,12 @@ struct Telemetry {
   std::array<double, 32> drive_temperature_degc{};  // [degC] of the drive's board; NaN = not reported by this drive
   std::array<double, 32> law_torque_nm{};  // [N m] what the law wants, before the guard: with the drive's gains, and blended after a swap; 0 = no law runs
   std::array<double, 32> setpoint_acceleration_rad_s2{};  // [rad/s^2] what the law tracks
+  std::array<double, 16> input{};  // [1] the Brain's inputs to the law, each in the unit that its name ends in
+  std::int64_t input_age_ns = {};  // [ns] since the last of them came; -1 = none yet
 };
 static_assert(std::is_trivially_copyable_v<Telemetry>);
 static_assert(std::is_standard_layout_v<Telemetry>);
-static_assert(sizeof(Telemetry) == 3872);
+static_assert(sizeof(Telemetry) == 4008);
 static_assert(offsetof(Telemetry, tick) == 0);
 static_assert(offsetof(Telemetry, release_ns) == 8);
 static_assert(offsetof(Telemetry, sample_ns) == 16);
@@ -747,6 +753,8 @@ static_assert(offsetof(Telemetry, drive_power_w) == 2848);
 static_assert(offsetof(Telemetry, drive_temperature_degc) == 3104);
 static_assert(offsetof(Telemetry, law_torque_nm) == 3360);
 static_assert(offsetof(Telemetry, setpoint_acceleration_rad_s2) == 3616);
+static_assert(offsetof(Telemetry, input) == 3872);
+static_assert(offsetof(Telemetry, input_age_ns) == 4000);
 
 // Something that happened once.
 struct Event {
@@ -791,6 +799,19 @@ static_assert(offsetof(Plan, pad0) == 20);
 static_assert(offsetof(Plan, t_ns) == 24);
 static_assert(offsetof(Plan, position_rad) == 152);
 static_assert(offsetof(Plan, velocity_rad_s) == 4248);
+
+// The Brain's inputs to the law, beside the plan: all of them, in the order of robot.toml. Out of range: all are refused.
+struct Inputs {
+  std::uint32_t count = {};  // must equal the robot's
+  std::array<std::uint8_t, 4> pad0{};
+  std::array<double, 16> value{};  // [1] each in its own unit
+};
+static_assert(std::is_trivially_copyable_v<Inputs>);
+static_assert(std::is_standard_layout_v<Inputs>);
+static_assert(sizeof(Inputs) == 136);
+static_assert(offsetof(Inputs, count) == 0);
+static_assert(offsetof(Inputs, pad0) == 4);
+static_assert(offsetof(Inputs, value) == 8);
 
 // What a tick decided about one plan: the answer to its plan_id.
 struct PlanDecision {
@@ -1047,10 +1068,16 @@ struct RobotInfo {
   std::uint64_t values_hash = {};  // of the robot file's keys and values (spine/robot/values.hpp)
   std::array<char, 512> sensor_name{};  // 32 characters each, zero-terminated
   std::array<char, 1024> joint_group{};  // likewise; empty = the group of all that name none
+  std::uint32_t input_count = {};
+  std::array<std::uint8_t, 4> pad1{};
+  std::array<char, 512> input_name{};  // 32 characters each, zero-terminated
+  std::array<double, 16> input_min{};  // [1] in the input's own unit
+  std::array<double, 16> input_max{};  // [1] likewise
+  std::array<double, 16> input_value{};  // [1] likewise; before the first of the Brain
 };
 static_assert(std::is_trivially_copyable_v<RobotInfo>);
 static_assert(std::is_standard_layout_v<RobotInfo>);
-static_assert(sizeof(RobotInfo) == 5000);
+static_assert(sizeof(RobotInfo) == 5904);
 static_assert(offsetof(RobotInfo, robot) == 0);
 static_assert(offsetof(RobotInfo, config_path) == 64);
 static_assert(offsetof(RobotInfo, rate_hz) == 320);
@@ -1078,6 +1105,12 @@ static_assert(offsetof(RobotInfo, pad0) == 3452);
 static_assert(offsetof(RobotInfo, values_hash) == 3456);
 static_assert(offsetof(RobotInfo, sensor_name) == 3464);
 static_assert(offsetof(RobotInfo, joint_group) == 3976);
+static_assert(offsetof(RobotInfo, input_count) == 5000);
+static_assert(offsetof(RobotInfo, pad1) == 5004);
+static_assert(offsetof(RobotInfo, input_name) == 5008);
+static_assert(offsetof(RobotInfo, input_min) == 5520);
+static_assert(offsetof(RobotInfo, input_max) == 5648);
+static_assert(offsetof(RobotInfo, input_value) == 5776);
 
 // Durations, log-linear bins (spine/core/histogram.hpp).
 struct Histogram {
@@ -1156,6 +1189,7 @@ constexpr WordRanges active_ranges<Telemetry>(std::size_t joints) {
   used.add(3104, 3104 + 8 * joints);
   used.add(3360, 3360 + 8 * joints);
   used.add(3616, 3616 + 8 * joints);
+  used.add(3872, 4008);
   return used;
 }
 
@@ -1178,42 +1212,42 @@ constexpr WordRanges active_ranges<RobotInfo>(std::size_t joints) {
   used.add(2144, 2144 + 8 * joints);
   used.add(2400, 2400 + 8 * joints);
   used.add(2656, 2656 + 8 * joints);
-  used.add(2912, 5000);
+  used.add(2912, 5904);
   return used;
 }
 
 // Segment `spine`, written by the spine: byte offsets of its items.
 namespace spine_segment {
 inline constexpr std::size_t kRobotInfoOffset = 128;  // channel RobotInfo
-inline constexpr std::size_t kTelemetryOffset = 20736;  // ring Telemetry
+inline constexpr std::size_t kTelemetryOffset = 24320;  // ring Telemetry
 inline constexpr std::size_t kTelemetryDepth = 4096;
-inline constexpr std::size_t kEventsTickOffset = 16011648;  // ring Event
+inline constexpr std::size_t kEventsTickOffset = 16539520;  // ring Event
 inline constexpr std::size_t kEventsTickDepth = 256;
-inline constexpr std::size_t kEventsLoaderOffset = 16060928;  // ring Event
+inline constexpr std::size_t kEventsLoaderOffset = 16588800;  // ring Event
 inline constexpr std::size_t kEventsLoaderDepth = 256;
-inline constexpr std::size_t kParamsOffset = 16110208;  // channel Params
-inline constexpr std::size_t kLawInfoOffset = 16111872;  // channel LawInfo
+inline constexpr std::size_t kParamsOffset = 16638080;  // channel Params
+inline constexpr std::size_t kLawInfoOffset = 16639744;  // channel LawInfo
 inline constexpr std::size_t kLawInfoStride = 14464;
-inline constexpr std::size_t kLawFaultsOffset = 16227584;  // ring LawFault
+inline constexpr std::size_t kLawFaultsOffset = 16755456;  // ring LawFault
 inline constexpr std::size_t kLawFaultsDepth = 64;
-inline constexpr std::size_t kShadowOffset = 16235904;  // channel ShadowReport
-inline constexpr std::size_t kLawStateOffset = 16238592;  // channel LawState
-inline constexpr std::size_t kReleaseJitterOffset = 16255616;  // plain Histogram
-inline constexpr std::size_t kHandoffOffset = 16263552;  // plain Histogram
-inline constexpr std::size_t kLawOffset = 16271488;  // plain Histogram
-inline constexpr std::size_t kGuardOffset = 16279424;  // plain Histogram
-inline constexpr std::size_t kTickOffset = 16287360;  // plain Histogram
-inline constexpr std::size_t kBusOffset = 16295296;  // plain Histogram
-inline constexpr std::size_t kControlAckOffset = 16303232;  // ack Command
+inline constexpr std::size_t kShadowOffset = 16763776;  // channel ShadowReport
+inline constexpr std::size_t kLawStateOffset = 16766464;  // channel LawState
+inline constexpr std::size_t kReleaseJitterOffset = 16783488;  // plain Histogram
+inline constexpr std::size_t kHandoffOffset = 16791424;  // plain Histogram
+inline constexpr std::size_t kLawOffset = 16799360;  // plain Histogram
+inline constexpr std::size_t kGuardOffset = 16807296;  // plain Histogram
+inline constexpr std::size_t kTickOffset = 16815232;  // plain Histogram
+inline constexpr std::size_t kBusOffset = 16823168;  // plain Histogram
+inline constexpr std::size_t kControlAckOffset = 16831104;  // ack Command
 inline constexpr std::size_t kControlAckDepth = 16;
-inline constexpr std::size_t kBrainAckOffset = 16303488;  // ack Command
+inline constexpr std::size_t kBrainAckOffset = 16831360;  // ack Command
 inline constexpr std::size_t kBrainAckDepth = 16;
-inline constexpr std::size_t kStageAckOffset = 16303744;  // ack StageRequest
+inline constexpr std::size_t kStageAckOffset = 16831616;  // ack StageRequest
 inline constexpr std::size_t kStageAckDepth = 4;
-inline constexpr std::size_t kHealthOffset = 16304000;  // plain Health
-inline constexpr std::size_t kPlanDecisionsOffset = 16304128;  // ring PlanDecision
+inline constexpr std::size_t kHealthOffset = 16831872;  // plain Health
+inline constexpr std::size_t kPlanDecisionsOffset = 16832000;  // ring PlanDecision
 inline constexpr std::size_t kPlanDecisionsDepth = 4096;
-inline constexpr std::size_t kBytes = 17090688;  // the schema text follows
+inline constexpr std::size_t kBytes = 17618560;  // the schema text follows
 }
 
 // Segment `control`, written by the supervisor: byte offsets of its items.
@@ -1232,10 +1266,11 @@ inline constexpr std::size_t kPlanOffset = 128;  // channel Plan
 inline constexpr std::size_t kCommandsOffset = 34048;  // mailbox Command
 inline constexpr std::size_t kCommandsDepth = 16;
 inline constexpr std::size_t kEstopOffset = 41344;  // word 
-inline constexpr std::size_t kBytes = 41472;  // the schema text follows
+inline constexpr std::size_t kInputsOffset = 41472;  // channel Inputs
+inline constexpr std::size_t kBytes = 42624;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0xe600b51796f62f03;
+inline constexpr std::uint64_t kLayoutHash = 0xb977d36c305ca079;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -1289,6 +1324,8 @@ inline constexpr std::string_view kCanonicalSchema =
     "Telemetry.drive_temperature_degc:float64[32]:3104:256:degC\n"
     "Telemetry.law_torque_nm:float64[32]:3360:256:N m\n"
     "Telemetry.setpoint_acceleration_rad_s2:float64[32]:3616:256:rad/s^2\n"
+    "Telemetry.input:float64[16]:3872:128:1\n"
+    "Telemetry.input_age_ns:int64[1]:4000:8:ns\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -1304,6 +1341,9 @@ inline constexpr std::string_view kCanonicalSchema =
     "Plan.t_ns:int64[16]:24:128:ns\n"
     "Plan.position_rad:float64[512]:152:4096:rad\n"
     "Plan.velocity_rad_s:float64[512]:4248:4096:rad/s\n"
+    "Inputs.count:uint32[1]:0:4:-\n"
+    "Inputs.pad0:uint8[4]:4:4:-\n"
+    "Inputs.value:float64[16]:8:128:1\n"
     "PlanDecision.plan_id:uint64[1]:0:8:-\n"
     "PlanDecision.t_ns:int64[1]:8:8:ns\n"
     "PlanDecision.reject:uint32[1]:16:4:-\n"
@@ -1416,6 +1456,12 @@ inline constexpr std::string_view kCanonicalSchema =
     "RobotInfo.values_hash:uint64[1]:3456:8:-\n"
     "RobotInfo.sensor_name:char[512]:3464:512:-\n"
     "RobotInfo.joint_group:char[1024]:3976:1024:-\n"
+    "RobotInfo.input_count:uint32[1]:5000:4:-\n"
+    "RobotInfo.pad1:uint8[4]:5004:4:-\n"
+    "RobotInfo.input_name:char[512]:5008:512:-\n"
+    "RobotInfo.input_min:float64[16]:5520:128:1\n"
+    "RobotInfo.input_max:float64[16]:5648:128:1\n"
+    "RobotInfo.input_value:float64[16]:5776:128:1\n"
     "Histogram.bin:uint64[976]:0:7808:-\n"
     "Histogram.count:uint64[1]:7808:8:-\n"
     "Histogram.max_ns:uint64[1]:7816:8:ns\n"
@@ -1426,30 +1472,31 @@ inline constexpr std::string_view kCanonicalSchema =
     "Health.control_violations:uint64[1]:16:8:-\n"
     "Health.stage_violations:uint64[1]:24:8:-\n"
     "spine/robot_info:channel:RobotInfo:0x1:128\n"
-    "spine/telemetry:ring:Telemetry:4096x1:20736\n"
-    "spine/events_tick:ring:Event:256x1:16011648\n"
-    "spine/events_loader:ring:Event:256x1:16060928\n"
-    "spine/params:channel:Params:0x1:16110208\n"
-    "spine/law_info:channel:LawInfo:0x8:16111872\n"
-    "spine/law_faults:ring:LawFault:64x1:16227584\n"
-    "spine/shadow:channel:ShadowReport:0x1:16235904\n"
-    "spine/law_state:channel:LawState:0x1:16238592\n"
-    "spine/release_jitter:plain:Histogram:0x1:16255616\n"
-    "spine/handoff:plain:Histogram:0x1:16263552\n"
-    "spine/law:plain:Histogram:0x1:16271488\n"
-    "spine/guard:plain:Histogram:0x1:16279424\n"
-    "spine/tick:plain:Histogram:0x1:16287360\n"
-    "spine/bus:plain:Histogram:0x1:16295296\n"
-    "spine/control_ack:ack:Command:16x1:16303232\n"
-    "spine/brain_ack:ack:Command:16x1:16303488\n"
-    "spine/stage_ack:ack:StageRequest:4x1:16303744\n"
-    "spine/health:plain:Health:0x1:16304000\n"
-    "spine/plan_decisions:ring:PlanDecision:4096x1:16304128\n"
+    "spine/telemetry:ring:Telemetry:4096x1:24320\n"
+    "spine/events_tick:ring:Event:256x1:16539520\n"
+    "spine/events_loader:ring:Event:256x1:16588800\n"
+    "spine/params:channel:Params:0x1:16638080\n"
+    "spine/law_info:channel:LawInfo:0x8:16639744\n"
+    "spine/law_faults:ring:LawFault:64x1:16755456\n"
+    "spine/shadow:channel:ShadowReport:0x1:16763776\n"
+    "spine/law_state:channel:LawState:0x1:16766464\n"
+    "spine/release_jitter:plain:Histogram:0x1:16783488\n"
+    "spine/handoff:plain:Histogram:0x1:16791424\n"
+    "spine/law:plain:Histogram:0x1:16799360\n"
+    "spine/guard:plain:Histogram:0x1:16807296\n"
+    "spine/tick:plain:Histogram:0x1:16815232\n"
+    "spine/bus:plain:Histogram:0x1:16823168\n"
+    "spine/control_ack:ack:Command:16x1:16831104\n"
+    "spine/brain_ack:ack:Command:16x1:16831360\n"
+    "spine/stage_ack:ack:StageRequest:4x1:16831616\n"
+    "spine/health:plain:Health:0x1:16831872\n"
+    "spine/plan_decisions:ring:PlanDecision:4096x1:16832000\n"
     "control/commands:mailbox:Command:16x1:128\n"
     "control/stage:mailbox:StageRequest:4x1:7424\n"
     "control/estop:word:-:0x1:10880\n"
     "brain/plan:channel:Plan:0x1:128\n"
     "brain/commands:mailbox:Command:16x1:34048\n"
-    "brain/estop:word:-:0x1:41344\n";
+    "brain/estop:word:-:0x1:41344\n"
+    "brain/inputs:channel:Inputs:0x1:41472\n";
 
 }  // namespace lithe::wire

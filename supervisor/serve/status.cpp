@@ -75,6 +75,13 @@ Json joints_json(const wire::RobotInfo& info, const robot::RobotConfig& robot, c
   return joints;
 }
 
+Json inputs_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
+  Json inputs = Json::object();
+  for (std::size_t i = 0; i < std::min<std::size_t>(info.input_count, wire::kNin); ++i)
+    inputs[name_at(info.input_name, i)] = number_or_null(now.input[i]);
+  return inputs;
+}
+
 Json sensors_json(const wire::RobotInfo& info, const wire::Telemetry& now) {
   Json sensors = Json::object();
   for (std::size_t i = 0; i < std::min<std::size_t>(info.sensor_count, wire::kNs); ++i)
@@ -208,6 +215,7 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
           {"health", health_json(memory.health)},
           {"joints", joints_json(info, robot, now)},
           {"sensors", sensors_json(info, now)},
+          {"inputs", inputs_json(info, now)},
           {"buses", buses_json(text_of(info.robot))},
           {"cpus",
            {{"spine", info.cpu_spine},

@@ -60,7 +60,7 @@ class HostileInputs {
         if (!one([&](Tick& tick, int) { tick.*time = value.value; })) return false;
       }
     }
-    return everything_at_once() && limits_and_jumps() && counters();
+    return everything_at_once() && inputs() && limits_and_jumps() && counters();
   }
 
  private:
@@ -78,6 +78,16 @@ class HostileInputs {
       if (!fine) return false;
     }
     return true;
+  }
+
+  // What the Brain may send: the Spine lets nothing else through.
+  bool inputs() {
+    const std::vector<robot::InputConfig>& all = context_.setup.robot.inputs;
+    if (all.empty()) return true;
+    context_.doing("every input from one end of its range to the other");
+    return one([&](Tick& tick, int k) {
+      for (std::size_t i = 0; i < all.size(); ++i) tick.input[i] = k % 2 == 0 ? all[i].max : all[i].min;
+    });
   }
 
   // Extreme but possible states, and samples of a loose cable.

@@ -49,8 +49,16 @@ Recording::Recording(const std::string& robot, std::uint64_t values_hash, std::u
   values_.reserve(most * kQuantities * joints);
   while (!reader.empty() && records_.size() < most) {
     if (!reader.next(*record) || record->tick + most <= newest || !load::is_finite(*record, joints)) continue;
-    records_.push_back({record->tick, record->release_ns, record->sample_ns, record->brain_age_ns, record->flags, {}});
+    records_.push_back({record->tick,
+                        record->release_ns,
+                        record->sample_ns,
+                        record->brain_age_ns,
+                        record->flags,
+                        {},
+                        {},
+                        record->input_age_ns});
     std::copy(record->sensor.begin(), record->sensor.end(), records_.back().sensor.begin());
+    std::copy(record->input.begin(), record->input.end(), records_.back().input.begin());
     for (const auto quantity : kKept)
       values_.insert(values_.end(), ((*record).*quantity).begin(), ((*record).*quantity).begin() + joints);
   }
@@ -98,6 +106,9 @@ void Recording::fill(Tick& tick, std::size_t i) const {
   tick.brain_age_s = record.brain_age_ns < 0 ? std::numeric_limits<double>::infinity()
                                              : static_cast<double>(record.brain_age_ns) * 1e-9;
   tick.sensor = record.sensor;
+  tick.input = record.input;
+  tick.input_age_s = record.input_age_ns < 0 ? std::numeric_limits<double>::infinity()
+                                             : static_cast<double>(record.input_age_ns) * 1e-9;
   const std::size_t before = i == 0 ? 0 : i - 1;
   for (std::uint32_t j = 0; j < joints_; ++j) {
     tick.position_rad[j] = at(i, position, j);

@@ -44,6 +44,8 @@ class Recording {
     std::int64_t sample_ns = 0, brain_age_ns = 0;
     std::uint32_t flags = 0;
     std::array<double, kMaxSensors> sensor{};
+    std::array<double, kMaxInputs> input{};
+    std::int64_t input_age_ns = -1;
   };
   enum Quantity { position, velocity, torque, setpoint_position, setpoint_velocity, command, kQuantities };
   void read_state(const ipc::SpineMemory& spine);

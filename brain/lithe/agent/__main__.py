@@ -8,6 +8,7 @@ run the best law, 1 error.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -43,7 +44,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--law", type=Path, help="the source of the law that runs now (default: as the robot recorded it)"
     )
-    parser.add_argument("--out", type=Path, default=ROOT / "out/agent")
+    parser.add_argument("--out", type=Path, default=Path(os.environ.get("LITHE_OUT_DIR", ROOT / "out")) / "agent")
     return parser
 
 

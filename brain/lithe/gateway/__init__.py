@@ -107,6 +107,7 @@ class Gateway:
             "history": self.records.history,
             "measure": self.records.measure,
             "publish": self._publish,
+            "set_inputs": self._set_inputs,
             "swap": self._swap,
             "shadow": lambda args: self._swap({"shadow_s": SHADOW_S, **args, "promote": False}),
             "identify": self._identify,
@@ -295,6 +296,7 @@ class Gateway:
             "chain": chain_of(robot_file),
             "sensors": sensors,
             "sensor_kinds": {name: kinds.get(name) for name in sensors},
+            "inputs": self.robot.inputs.get(),
             "documents": [each["name"] for each in documents.listed()],
             "tier": self._tier.name,
             "verbs": [each.described() for each in VERBS],
@@ -367,8 +369,14 @@ class Gateway:
             return self.lease.take(who, who.name, float(args.get("seconds", USUAL_S)))
         return self.lease.told(who)
 
+    def _set_inputs(self, args: dict[str, Any]) -> Any:
+        self.robot.inputs.set(**args["values"])
+        return {"sent": args["values"]}
+
     def _publish(self, args: dict[str, Any]) -> Any:
         velocity = args.get("velocity_rad_s")
+        if any(not 0 <= t_ns < 1 << 63 for t_ns in args["t_ns"]):
+            raise Refused("usage", "t_ns are nanoseconds of CLOCK_MONOTONIC, below 2^63", "describe.now_ns is now")
         plan_id = self.robot.publish(
             np.asarray(args["t_ns"], dtype=np.int64),
             np.asarray(args["position_rad"], dtype=np.float64),

@@ -63,6 +63,9 @@ def _would(robot: Robot, references: References, verb: str, args: Json, mode: Mo
     if verb == "publish":
         _check_plan(references, args)
         return {"would": "the Spine gets the plan; it checks times and speeds between its waypoints itself"}
+    if verb == "set_inputs":
+        robot.inputs.check(**args["values"])
+        return {"would": "the law has them from the next tick on"}
     if verb in ("rollback", "activate"):
         law = _law_after(robot.call("law_list")["resident"], verb, args)
         return {"would": f"law '{law['law']}' runs from the next tick, with its state", "law_id": law["law_id"]}

@@ -153,6 +153,8 @@ class Records:
                 valid = column[..., : len(self._robot.spine.sensor_names)].astype(object)
                 valid[np.isnan(column[..., : valid.shape[-1]])] = None
                 out[name] = valid.tolist()
+            elif name == "input":
+                out[name] = column[..., : int(self._robot.spine.info["input_count"])].tolist()
             elif column.ndim > records.ndim and name != "probe":
                 out[name] = column[..., joints].tolist()
             else:

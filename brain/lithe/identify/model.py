@@ -106,8 +106,11 @@ def describe_model(
     build = pin.buildModelFromUrdf if Path(path).suffix == ".urdf" else pin.buildModelFromMJCF
     try:
         robot = build(str(path))
-    except (ValueError, RuntimeError, TypeError) as error:
-        raise LitheError(f"Pinocchio cannot read {path}: {error}\n  next: give a URDF or MJCF file") from None
+    except Exception as error:  # Pinocchio lets through what its readers throw, IndexError and others
+        raise LitheError(
+            f"Pinocchio cannot read {path}: {type(error).__name__}: {error}\n"
+            "  next: correct the file (it wants at most one unnamed <default>), or give a URDF"
+        ) from None
     moving = list(robot.names)[1:]
     if robot.nv != len(moving) or sorted(names or moving) != sorted(moving):
         raise LitheError(

@@ -18,7 +18,7 @@ ARGS: dict[str, dict[str, Any]] = {
     "swap": {"source": PD, "name": "pd.cpp"}, "shadow": {"source": PD, "name": "pd.cpp"},
     "set_params": {"name": "kp_nm_rad", "value": 3.25}, "activate": {"law": "pd"},
     "set_reference": {"kind": "sine", "centre_rad": 0.0, "amplitude_rad": 0.3, "frequency_hz": 0.5},
-    "publish": {"t_ns": [1], "position_rad": [[0.1]]},
+    "publish": {"t_ns": [1], "position_rad": [[0.1]]}, "set_inputs": {"values": {}},
 }  # fmt: skip
 CHANGING = [each.name for each in VERBS if each.effect is not Effect.reads and each.name != "estop"]
 
@@ -52,6 +52,7 @@ def test_of_every_verb_it_changes_nothing_and_says_what_would_happen(gateway: Ga
         ("set_params", {"name": "nonsense", "value": 1}, "unknown_param"),
         ("set_reference", {**ARGS["set_reference"], "amplitude_rad": 99}, "refused_limit"),
         ("publish", {"t_ns": [1], "position_rad": [[99.0]]}, "refused_plan"),
+        ("set_inputs", {"values": {"nobody": 1}}, "unknown_input"),
         ("reset", {}, "refused_mode"),
         ("sim_reset", {}, "refused_mode"),
         ("activate", {"law": "nobody"}, "unknown_law"),

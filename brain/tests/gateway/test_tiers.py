@@ -23,8 +23,8 @@ PD = (ROOT / "laws/pd.cpp").read_text()
 NEEDS = {
     "set_params": Tier.tune, "revert_params": Tier.tune,
     "swap": Tier.swap, "shadow": Tier.swap, "rollback": Tier.swap, "activate": Tier.swap,
-    "publish": Tier.move, "set_reference": Tier.move, "arm": Tier.move, "recover": Tier.move, "reset": Tier.move,
-    "sim_reset": Tier.move,
+    "publish": Tier.move, "set_inputs": Tier.move, "set_reference": Tier.move, "arm": Tier.move,
+    "recover": Tier.move, "reset": Tier.move, "sim_reset": Tier.move,
     "shutdown": Tier.person, "sim_truth": Tier.person,
 }  # fmt: skip
 # Arguments that need more than the verb alone.

@@ -12,7 +12,9 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <limits>
+#include <string_view>
 #include <utility>
 
 #include "spine/core/host/files.hpp"
@@ -75,6 +77,18 @@ Result<Library> open_library() {
   return all;
 }
 
+// What MuJoCo does not say: that the model may be fine, and the library old.
+std::string older_than_the_model(std::string_view why) {
+  if (why.find("Schema violation") == std::string_view::npos && why.find("nvalid keyword") == std::string_view::npos)
+    return {};
+  constexpr int kVersion = mjVERSION_HEADER;  // 222: 2.2.2
+  return fmt::format(
+      "; this is MuJoCo {}.{}.{}, and a model for a newer one (the wheel of `pip install mujoco`) may have words that "
+      "it "
+      "does not know: leave them out, or build LITHE where that version is installed",
+      kVersion / 100, kVersion / 10 % 10, kVersion % 10);
+}
+
 class MujocoPlant final : public Mechanism {
  public:
   explicit MujocoPlant(const Library& library)
@@ -83,8 +97,11 @@ class MujocoPlant final : public Mechanism {
   Result<> open(const MujocoParams& params, Clock clock) {
     if (const auto text = read_regular_file(params.model, kMaxModelBytes); !text) return text.error();
     std::array<char, 1000> why{};
-    model_.reset(library_.load(params.model.c_str(), nullptr, why.data(), static_cast<int>(why.size())));
-    if (!model_) return Error{params.model + ": " + printable(why.data(), true)};
+    std::error_code unknown;
+    // Behind a symbolic link the files that it includes are beside the real one.
+    const std::string real = std::filesystem::canonical(params.model, unknown).string();
+    model_.reset(library_.load(real.c_str(), nullptr, why.data(), static_cast<int>(why.size())));
+    if (!model_) return Error{params.model + ": " + printable(why.data(), true) + older_than_the_model(why.data())};
     model_->opt.timestep = 1e-9 * static_cast<double>(params.step_ns);
     model_->opt.disableflags |= mjDSBL_ACTUATION;
     parts_ = std::max<std::int64_t>(params.step_ns / Plant::kStepNs, 1);
@@ -141,7 +158,10 @@ class MujocoPlant final : public Mechanism {
   Result<> add(const MujocoJoint& joint) {
     const int id = library_.find(model_.get(), mjOBJ_JOINT, joint.name.c_str());
     if (id < 0) return Error{"there is no joint '" + joint.name + "'; its hinges: " + hinges()};
-    if (model_->jnt_type[id] != mjJNT_HINGE) return Error{"joint '" + joint.name + "' is no hinge"};
+    if (model_->jnt_type[id] != mjJNT_HINGE) {
+      return Error{"joint '" + joint.name +
+                   "' is no hinge; drives turn hinges only: make it one, or leave the joint out of the robot file"};
+    }
     if (Result<> checked = check_range(joint, id); !checked) return checked;
     Joint own{model_->jnt_qposadr[id], model_->jnt_dofadr[id], Plant::lag_gain(joint.torque_lag_s),
               joint.torque_max_nm};

@@ -33,9 +33,9 @@ using Clock = std::int64_t (*)();  // nanoseconds
 // Gravity, contacts, limits, friction and armature are the model's. Its own actuators are off: only the drives act.
 // When the physics step is longer than the drives' step, a joint's position is interpolated linearly. Other parts of
 // the model (free base, passive joints, loose objects) move too. A diverging simulation is reset by MuJoCo. A step
-// allocates only when meshes touch, or when more than 128 bodies may touch. The error names the joint, whose range in the
-// model may be too narrow, or gives MuJoCo's text, or says that a step takes longer than it simulates, or how to install
-// MuJoCo.
+// allocates only when meshes touch, or when more than 128 bodies may touch. The error names the joint, whose range in
+// the model may be too narrow, or gives MuJoCo's text, or says that a step takes longer than it simulates, or how to
+// install MuJoCo.
 // Contract: never in the tick
 Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params, Clock clock = monotonic_ns);
 

@@ -304,6 +304,10 @@ TEST(Mechanism, WhatAModelLacksIsNamed) {
   sliding.replace(sliding.find("type='hinge'"), 12, "type='slide'");
   EXPECT_NE(Robot(model_robot(kArm, sliding)).why.find("joint 'j1' is no hinge"), std::string::npos);
   EXPECT_NE(Robot(model_robot(kArm, "<mujoco><wrold/></mujoco>")).why.find("wrold"), std::string::npos);
+  const std::string newer =
+      Robot(model_robot(kArm, "<mujoco><worldbody><body sleep='auto'/></worldbody></mujoco>")).why;
+  EXPECT_NE(newer.find("a model for a newer one"), std::string::npos) << newer;
+  EXPECT_NE(Robot(model_robot(kArm, sliding)).why.find("make it one"), std::string::npos);
   robot::RobotConfig lost = model_robot(kArm, "");
   lost.plant.model = "/nowhere/leg.xml";
   EXPECT_NE(Robot(lost).why.find("/nowhere/leg.xml"), std::string::npos);

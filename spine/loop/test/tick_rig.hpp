@@ -50,6 +50,10 @@ torque_max_nm = 0.6
 torque_slew_nm_s = 120.0
 deceleration_rad_s2 = 20.0
 safe_kd_nm_s_rad = 0.05
+[[input]]
+name = "push_nm"
+min = -0.5
+max = 0.25
 [joint.sim]
 inertia_kg_m2 = 2.5e-3
 mgl_nm = 0.165

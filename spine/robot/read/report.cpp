@@ -16,7 +16,8 @@ constexpr std::size_t kMostShown = 20;
 std::string_view nearest(std::string_view word, const std::vector<std::string_view>& candidates) {
   if (word.size() > 64) return {};
   std::string_view best;
-  std::size_t best_distance = std::max<std::size_t>(2, word.size() / 3) + 1;
+  // Of a word of three letters two may not differ: `foo` is no `top`.
+  std::size_t best_distance = (word.size() <= 3 ? 1 : std::max<std::size_t>(2, word.size() / 3)) + 1;
   for (const std::string_view candidate : candidates) {
     // A shortened or lengthened word (`position_max` for `position_max_rad`) counts as closer than its edit distance.
     const bool prefix = word.size() >= 3 && (candidate.starts_with(word) || word.starts_with(candidate));

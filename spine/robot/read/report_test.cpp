@@ -16,6 +16,8 @@ TEST(Nearest, FindsWhatWasMeant) {
 
 TEST(Nearest, GuessesNothingWhenNothingIsClose) {
   EXPECT_EQ(nearest("colour", {"sign", "ratio"}), "");
+  EXPECT_EQ(nearest("foo", {"top", "stop"}), "");
+  EXPECT_EQ(nearest("to", {"top"}), "top");
   EXPECT_EQ(nearest("x", {}), "");
   EXPECT_EQ(nearest(std::string(100'000, 'a'), {"sign"}), "");
 }

@@ -28,6 +28,7 @@ constexpr double kSeconds = 60;  // of the robot's time
 robot::RobotConfig robot_of(const std::string& name) {
   auto robot = robot::load_robot(std::string(LITHE_ROBOTS) + "/" + name + ".toml");
   EXPECT_TRUE(robot) << robot.message();
+  robot->inputs.push_back({"push_nm", -0.1, 0.1, 0});
   return *robot;
 }
 

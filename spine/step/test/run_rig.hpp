@@ -35,7 +35,7 @@ struct Soft {
     for (std::uint32_t j = 0; j < t.joints; ++j) {
       const double error_rad = t.setpoint_position_rad[j] - t.position_rad[j];
       s.integral_rad_s += error_rad * t.dt_s;
-      u.torque_nm[j] = p.kp_nm_rad * error_rad - p.kd_nm_s_rad * t.velocity_rad_s[j];
+      u.torque_nm[j] = p.kp_nm_rad * error_rad - p.kd_nm_s_rad * t.velocity_rad_s[j] + t.input[0];
     }
   }
 };
@@ -95,6 +95,7 @@ struct Given {
   std::int64_t brain_age_ns = -1;
   std::optional<wire::Command> command;
   std::optional<wire::Plan> plan;
+  std::optional<wire::Inputs> inputs;
   const LitheLaw* law = nullptr;  // staged before this step
   law::Terms terms;
   std::array<std::int64_t, 16> times_ns{};  // the answers of the Host
@@ -109,7 +110,8 @@ struct Given {
             .estop_pressed = estop_pressed,
             .brain_age_ns = brain_age_ns,
             .command = command ? &*command : nullptr,
-            .plan = plan ? &*plan : nullptr};
+            .plan = plan ? &*plan : nullptr,
+            .inputs = inputs ? &*inputs : nullptr};
   }
 };
 
@@ -241,6 +243,7 @@ class Loop {
     given_.brain_age_ns = tick_ % 9000 > 8000 ? 1'000'000'000 : 1'000'000;  // a Brain that pauses
     ask();
     plan();
+    give_input();
     stage();
     host_.note_in(given_);
     given_.sample = state_;
@@ -293,6 +296,12 @@ class Loop {
         plan.velocity_rad_s[w * wire::kNj + j] = kNoTarget;
       }
     }
+  }
+  // A new value every 30 ms; now and then one out of range.
+  void give_input() {
+    if (tick_ % 30 != 11) return;
+    given_.inputs.emplace().count = 1;
+    given_.inputs->value[0] = 0.12 * std::sin(static_cast<double>(tick_));
   }
   // A law every 800 ms: blended, on probation, some from the shadow, some bad.
   void stage() {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `lithe status`, `top` and `events`, and the verbs that are one command of the Spine.
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <cstdio>
@@ -66,14 +67,16 @@ int events(const Context& context, std::uint64_t since, bool follow) {
 
 int top(const Context& context, int turns) {
   if (context.json) return status(context);
+  const bool screen = isatty(STDOUT_FILENO) == 1;
+  if (!screen && turns == 0) turns = 1;  // a file or a pipe gets one picture
   auto client = value_of(connect(context));
   for (int turn = 0; turns == 0 || turn < turns; ++turn) {
     if (turn > 0) std::this_thread::sleep_for(std::chrono::milliseconds(250));
     if (client.pulse() != control::Client::Pulse::answers) client = value_of(connect(context));  // says why
     const Json status = value_of(client.call("status", Json::object(), kQuickMs));
-    fmt::print("\x1b[H\x1b[2J");  // home, clear
+    if (screen) fmt::print("\x1b[H\x1b[2J");  // home, clear
     fmt::print("{}", status_text(control::printable_json(status), look_of(context)));
-    fmt::print("\nCtrl-C leaves; the robot goes on\n");
+    if (screen) fmt::print("\nCtrl-C leaves; the robot goes on\n");
     std::fflush(stdout);
   }
   return 0;

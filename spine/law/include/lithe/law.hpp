@@ -52,6 +52,7 @@ using JointArray = std::array<double, kMaxJoints>;
 
 inline constexpr std::size_t kMaxProbes = 8;
 inline constexpr std::size_t kMaxSensors = 16;
+inline constexpr std::size_t kMaxInputs = 16;
 inline constexpr std::size_t kMaxParams = 32;
 inline constexpr std::size_t kMaxStateFields = 32;
 inline constexpr std::size_t kMaxStateBytes = 4096;
@@ -61,6 +62,8 @@ inline constexpr double kAbsent = std::numeric_limits<double>::quiet_NaN();
 // Bits of Tick::flags.
 inline constexpr std::uint32_t kSampleStale = 1;  // position, velocity and torque are those of an earlier tick
 inline constexpr std::uint32_t kBrainStale = 2;   // no fresh plan: the setpoint coasts to a stop and holds
+inline constexpr std::uint32_t kInputStale =
+    4;  // no input for longer than [brain] stale_after_s: they keep their values
 
 // The input of a law in each tick. Only the first `joints` entries of each array are valid.
 struct Tick {
@@ -75,6 +78,8 @@ struct Tick {
   JointArray position_rad{}, velocity_rad_s{}, torque_nm{};
   JointArray setpoint_position_rad{}, setpoint_velocity_rad_s{}, setpoint_acceleration_rad_s2{};
   std::array<double, kMaxSensors> sensor{};
+  std::array<double, kMaxInputs> input{};  // [[input]] of the robot file: what the Brain wants of the law, within range
+  double input_age_s = 0;                  // infinity: none has come yet, they have the file's values
 };
 
 // The output of a law. Cleared before each step; most laws write torque_nm only.
