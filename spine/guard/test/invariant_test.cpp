@@ -67,10 +67,32 @@ TEST(GuardInvariant, ATwinThatOnlyClampsIsCaughtStepping) {
   EXPECT_GT(step, 10 * kSlewPerTick);
 }
 
+// A chain of links of 0.3 kg, as a robot file with a model gives it.
+robot::RobotConfig robot_with_model(std::size_t joints) {
+  robot::RobotConfig robot = robot_with(joints);
+  robot.model.given = true;
+  robot.devices.resize(joints);
+  for (std::size_t j = 0; j < joints; ++j) {
+    robot.joints[j].device = j;
+    robot::JointModel& model = robot.joints[j].model;
+    model.given = true;
+    model.link = {.parent = j == 0 ? mechanics::Link::kBase : j - 1,
+                  .offset_m = {0, 0, -0.1},
+                  .mass_kg = 0.3,
+                  .center_m = {0, 0.02, -0.05},
+                  .rotor_kg_m2 = 1e-3};
+    model.link.axis = j % 2 == 0 ? mechanics::Vector{0, 1, 0} : mechanics::Vector{1, 0, 0};
+    model.allotted_rad_s2 = 5;
+    model.kp_most_nm_rad = 50;
+    model.kd_most_nm_s_rad = 2;
+  }
+  return robot;
+}
+
 // Random bits as doubles: NaNs, infinities, denormals and every exponent.
-TEST(GuardInvariant, OutputIsFiniteAndWithinLimitsForAnyBitsWhatsoever) {
+void expect_within_limits_for_any_bits(const robot::RobotConfig& robot, double velocity_max_rad_s) {
   std::mt19937_64 random(4);
-  Bench bench(robot_with(kMaxJoints));
+  Bench bench(robot);
   const auto noise = [&](JointArray& values) {
     for (double& value : values)
       value = random() % 2 == 0 ? std::bit_cast<double>(random()) : static_cast<double>(random() % 2000) / 500 - 2;
@@ -86,17 +108,31 @@ TEST(GuardInvariant, OutputIsFiniteAndWithinLimitsForAnyBitsWhatsoever) {
     bench.mode = static_cast<Mode>(random() % 6);
     bench.stale_ticks = static_cast<std::uint32_t>(random() % 30);
     bench.brain_age_ns = static_cast<std::int64_t>(random());
+    if (i % 11 == 0) bench.guard.forget_faults();
+    if (i % 13 == 0) bench.guard.reset_output();
     bench.check();
-    for (std::size_t j = 0; j < kMaxJoints; ++j) {
+    for (std::size_t j = 0; j < robot.joints.size(); ++j) {
       ASSERT_LE(std::abs(bench.out.torque_nm[j]), 1.0);
       ASSERT_TRUE(std::isnan(bench.out.position_rad[j]) ||
                   (bench.out.position_rad[j] >= -2 && bench.out.position_rad[j] <= 3));
-      ASSERT_LE(std::abs(bench.out.velocity_rad_s[j]), 10.0);
+      ASSERT_LE(std::abs(bench.out.velocity_rad_s[j]), velocity_max_rad_s);
       ASSERT_TRUE(bench.out.kp_nm_rad[j] >= 0 && bench.out.kp_nm_rad[j] <= 50);
       ASSERT_TRUE(bench.out.kd_nm_s_rad[j] >= 0 && bench.out.kd_nm_s_rad[j] <= 2);
       ASSERT_TRUE(bench.out.max_torque_nm[j] >= 0 && bench.out.max_torque_nm[j] <= 1);
       ASSERT_LE(std::abs(bench.guard.expected_torque_nm(j)), 1.0);
     }
+  }
+}
+
+TEST(GuardInvariant, OutputIsFiniteAndWithinLimitsForAnyBitsWhatsoever) {
+  expect_within_limits_for_any_bits(robot_with(kMaxJoints), 10);
+}
+
+// The damping that a drive adds is told around the speed that the guard predicts: up to three times what is a fault.
+TEST(GuardInvariant, OutputIsFiniteAndWithinLimitsWithAModelForAnyBitsWhatsoever) {
+  for (const std::size_t joints : {1, 3, 7}) {
+    const robot::RobotConfig robot = robot_with_model(joints);
+    expect_within_limits_for_any_bits(robot, 3 * 10 * robot.guard.velocity_overrun);
   }
 }
 

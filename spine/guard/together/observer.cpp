@@ -10,6 +10,7 @@ namespace lithe::guard {
 namespace {
 
 constexpr double kLongestStepS = 2.5e-4;
+constexpr double kMostSpeed = 3;         // times the speed that is a fault: what a garbled sample can make of the state
 constexpr double kLongestBlockS = 1e-3;  // mass and bias count as constant for so long
 
 unsigned parts(double whole_s, double part_s) {
@@ -42,7 +43,8 @@ void Observer::configure(const robot::RobotConfig& robot) {
                  .computed_here = here,
                  .lag_share = lag > 0 ? 1 - std::exp(-step_s_ / lag) : 1,
                  .filter_share = 1 - std::exp(-step_s_ * joint.model.velocity_filter_rad_s),
-                 .damping_nm_s_rad = here ? 0 : joint.safe_kd_nm_s_rad};
+                 .damping_nm_s_rad = here ? 0 : joint.safe_kd_nm_s_rad,
+                 .most_rad_s = kMostSpeed * joint.velocity_max_rad_s * robot.guard.velocity_overrun};
   }
   steps_of_lag_ = static_cast<unsigned>(std::lround(lag_s_ / step_s_));
   forget();
@@ -57,6 +59,10 @@ void Observer::forget() LITHE_RT {
   }
 }
 
+double Observer::bounded(std::size_t j, double rad_s) const LITHE_RT {
+  return std::clamp(rad_s, -joint_[j].most_rad_s, joint_[j].most_rad_s);
+}
+
 void Observer::start(const Seen& seen) LITHE_RT {
   started_ = true;
   JointStates& at = past(0).at;
@@ -64,7 +70,7 @@ void Observer::start(const Seen& seen) LITHE_RT {
   for (std::size_t j = 0; j < tree_.joints(); ++j) {
     unseen_s_[j] = 0;
     last_rad_[j] = at.position_rad[j] = seen.fresh[j] ? seen.position_rad[j] : 0;
-    last_rad_s_[j] = seen.fresh[j] ? seen.velocity_rad_s[j] : 0;
+    last_rad_s_[j] = seen.fresh[j] ? bounded(j, seen.velocity_rad_s[j]) : 0;
     at.velocity_rad_s[j] = at.followed_rad_s[j] = at.tracked_rad_s[j] = last_rad_s_[j];
   }
   past(0).acting = acting_;
@@ -91,7 +97,7 @@ void Observer::step(JointStates& at, const std::array<Told, kMaxJoints>& acting,
     mechanics::solve(joints, lower_, a);
     for (std::size_t j = 0; j < joints; ++j) {
       at.position_rad[j] += step_s_ * (at.velocity_rad_s[j] + 0.5 * step_s_ * a[j]);
-      at.velocity_rad_s[j] += step_s_ * a[j];
+      at.velocity_rad_s[j] = bounded(j, at.velocity_rad_s[j] + step_s_ * a[j]);
       at.followed_rad_s[j] += joint_[j].filter_share * (at.velocity_rad_s[j] - at.followed_rad_s[j]);
       at.tracked_rad_s[j] += joint_[j].filter_share * (at.followed_rad_s[j] - at.tracked_rad_s[j]);
     }
@@ -115,9 +121,10 @@ void Observer::take_over(const Seen& seen, Tick& tick) LITHE_RT {
       if ((exchanges_ - 1) % joint_[j].divider != 0) continue;
       tick.asked[j] = true;
       acting_[j] = given_[j];
-      acting_[j].balance_rad_s = old ? seen.velocity_rad_s[j] : last_rad_s_[j];
+      const bool told = old && std::isfinite(seen.position_rad[j]) && std::isfinite(seen.velocity_rad_s[j]);
+      acting_[j].balance_rad_s = told ? bounded(j, seen.velocity_rad_s[j]) : last_rad_s_[j];
       if (!joint_[j].computed_here) continue;
-      const double at_rad = old ? seen.position_rad[j] : last_rad_[j];
+      const double at_rad = told ? seen.position_rad[j] : last_rad_[j];
       const double torque_nm = acting_[j].torque_at(at_rad, acting_[j].balance_rad_s);
       acting_[j] = {Pd{.torque_nm = torque_nm}, acting_[j].most_nm, 0, 0};
     }
@@ -129,11 +136,10 @@ void Observer::take_over(const Seen& seen, Tick& tick) LITHE_RT {
 void Observer::correct(const Seen& seen, Tick& then) LITHE_RT {
   for (std::size_t j = 0; j < tree_.joints(); ++j) {
     if (!then.asked[j] || !seen.fresh[j]) continue;
-    const double off = seen.velocity_rad_s[j] - then.at.tracked_rad_s[j];
+    const double off = bounded(j, seen.velocity_rad_s[j]) - then.at.tracked_rad_s[j];
     then.at.position_rad[j] = seen.position_rad[j];
-    then.at.velocity_rad_s[j] += off;
-    then.at.followed_rad_s[j] += off;
-    then.at.tracked_rad_s[j] += off;
+    for (JointArray* speed : {&then.at.velocity_rad_s, &then.at.followed_rad_s, &then.at.tracked_rad_s})
+      (*speed)[j] = bounded(j, (*speed)[j] + off);
   }
 }
 
@@ -142,7 +148,7 @@ void Observer::rest_unseen(const Seen& seen, JointStates& at) LITHE_RT {
     if (seen.fresh[j]) {
       unseen_s_[j] = 0;
       last_rad_[j] = seen.position_rad[j];
-      last_rad_s_[j] = seen.velocity_rad_s[j];
+      last_rad_s_[j] = bounded(j, seen.velocity_rad_s[j]);
       continue;
     }
     unseen_s_[j] = std::min(unseen_s_[j] + period_s_, 2 * kLongestUnseenS);

@@ -80,7 +80,7 @@ class Observer {
   struct Joint {
     unsigned divider = 1;
     bool computed_here = false;  // our driver closes the PD loop, once in an exchange
-    double lag_share = 1, filter_share = 1, damping_nm_s_rad = 0;
+    double lag_share = 1, filter_share = 1, damping_nm_s_rad = 0, most_rad_s = 0;
   };
   struct Tick {
     std::array<Told, kMaxJoints> acting{};
@@ -88,6 +88,7 @@ class Observer {
     JointStates at;
   };
 
+  double bounded(std::size_t j, double rad_s) const LITHE_RT;
   void start(const Seen& seen) LITHE_RT;
   void take_over(const Seen& seen, Tick& tick) LITHE_RT;
   void correct(const Seen& seen, Tick& then) LITHE_RT;
