@@ -27,8 +27,11 @@ int line_with(const std::vector<std::string_view>& lines, std::string_view what)
 
 // The line of the law that a message of the contract is about.
 int line_about(const std::string& message, const std::vector<std::string_view>& lines) {
-  constexpr std::array<std::pair<std::string_view, std::string_view>, 7> kAbout = {{
+  constexpr std::array<std::pair<std::string_view, std::string_view>, 10> kAbout = {{
       {"State field", "struct State"},
+      {"State has", "struct State"},
+      {"Params has", "struct Params"},
+      {"Probes has", "struct Probes"},
       {"State is", "struct State"},
       {"field is longer", "struct"},
       {"of Params", "struct Params"},

@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include "lawd/run/child.hpp"
 #include "lawd/run/files.hpp"
 #include "spine/core/lookup.hpp"
 
@@ -49,7 +50,7 @@ class Graph {
  private:
   std::size_t index(std::string_view title) {
     const auto [place, is_new] = names_.try_emplace(std::string(title), nodes_.size());
-    if (is_new) nodes_.emplace_back().name = title.substr(title.rfind(':') + 1);
+    if (is_new) name(nodes_.emplace_back(), title.substr(title.rfind(':') + 1));
     return place->second;
   }
 
@@ -63,7 +64,9 @@ class Graph {
     }
   }
 
-  // label: "readable name\nfile:line:column\nN bytes (static|dynamic|dynamic,bounded)\nM dynamic objects..."
+  // title: "file:symbol", or the symbol.
+  // label: "name\nfile:line:column\nN bytes (static|dynamic|dynamic,bounded)\n..."; when g++ split a function, the name
+  // in the label is not that of the function.
   void read_node(std::string_view line) {
     Node& node = nodes_[index(field(line, "title"))];
     std::string_view label = field(line, "label");
@@ -71,9 +74,7 @@ class Graph {
       const std::size_t end = std::min(label.find("\\n"), label.size());
       const std::string_view text = label.substr(0, end);
       label.remove_prefix(std::min(end + 2, label.size()));
-      if (part == 0) {
-        read_name(node, text);
-      } else if (part == 1) {
+      if (part == 1) {
         if (const int own = lines_.own_line(text)) node.line = own;
       } else if (text.find(" bytes (") != std::string_view::npos) {
         node.known = true;
@@ -84,10 +85,11 @@ class Graph {
   }
 
   // When `step` was inlined, the contract's wrapper has its stack frame.
-  void read_name(Node& node, std::string_view name) {
-    node.name = name;
-    if (name.find("lithe::contract::") == std::string_view::npos) return;
-    const bool init = name.find("::init(") != std::string_view::npos;
+  void name(Node& node, std::string_view symbol) {
+    node.name = readable(symbol);
+    node.name.resize(std::min(node.name.size(), node.name.find(" [clone")));
+    if (!has_text(node.name, "lithe::contract::")) return;
+    const bool init = has_text(node.name, "::init<");
     node.name = init ? "init()" : "step()";
     node.line = lines_.mentions(init ? "init" : "step");
   }

@@ -200,6 +200,13 @@ TEST_F(AdmissionObject, StackWithoutABoundIsRefused) {
   std::string recursive = LawText{.body = "u.torque_nm[0] = down(t, int(t.tick));"}.source();
   recursive.insert(recursive.find("struct Law"), down);
   EXPECT_EQ(verdict(object(recursive)), "stack:2");
+  // g++ splits this one: what calls itself is a part of it, of which the compiler gives no readable name.
+  std::string member = LawText{.body = "u.torque_nm[0] = fact(int(t.tick % 5));"}.source();
+  member.insert(member.find("  static void"), "  static double fact(int n) { return n < 2 ? 1 : n * fact(n - 1); }\n");
+  const Admission named = object(member);
+  EXPECT_EQ(verdict(named), "stack:5");
+  ASSERT_FALSE(named.ok());
+  EXPECT_EQ(named.findings[0].message.find("Law::fact(int) calls itself"), 0u) << named.findings[0].message;
   EXPECT_EQ(verdict(object(LawText{.body = "volatile double a[9000]; a[t.tick % 9000] = 1;"}.source())).substr(0, 6),
             "stack:");
   EXPECT_EQ(verdict(object(LawText{.body = "volatile double a[t.joints]; a[t.joints - 1] = 1;"}.source())).substr(0, 6),

@@ -2,6 +2,7 @@
 // Test fixtures of this room: a service with its own cache, and a valid law to modify.
 #pragma once
 
+#include <gtest/gtest.h>
 #include <stdlib.h>
 
 #include <filesystem>
@@ -60,5 +61,21 @@ inline nlohmann::json compile(Service& service, const std::string& source, const
   if (!budget_ns.is_null()) request["budget_ns"] = budget_ns;
   return ask(service, request);
 }
+
+class ServiceTest : public ::testing::Test {
+ protected:
+  nlohmann::json refused(const LawText& law, const std::string& stage) {
+    const nlohmann::json reply = compile(service_, law.source());
+    EXPECT_FALSE(reply["ok"]) << reply;
+    EXPECT_EQ(reply.value("stage", ""), stage) << reply;
+    EXPECT_FALSE(reply["diagnostics"].empty());
+    return reply;
+  }
+  static std::string first(const nlohmann::json& reply) { return reply["diagnostics"][0]["message"]; }
+  static int line(const nlohmann::json& reply) { return reply["diagnostics"][0]["line"]; }
+
+  TestCache cache_;
+  Service service_{cache_.path()};
+};
 
 }  // namespace lithe::lawd

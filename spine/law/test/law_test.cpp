@@ -39,6 +39,22 @@ struct Filtered {
   }
 };
 
+struct Nested {
+  struct Params {};
+  struct Filter {
+    double x_rad = 1;
+    std::array<float, 2> y_nm{2, 3};
+  };
+  enum class Phase : std::uint8_t { rest, move };
+  struct State {
+    Filter filter;
+    Phase phase = Phase::move;
+    std::array<Filter, 2> each{};
+    std::array<std::array<double, 3>, 11> row{};
+  };
+  static void step(const lithe::Tick&, const Params&, State&, lithe::Effort&) {}
+};
+
 struct Empty {
   struct Params {};
   struct State {};
@@ -48,7 +64,38 @@ struct Empty {
 std::string text(const char (&field)[32]) { return std::string(field, strnlen(field, sizeof field)); }
 
 constexpr LitheLaw kFiltered = lithe::describe<Filtered>("filtered");
+constexpr LitheLaw kNested = lithe::describe<Nested>("nested");
 constexpr LitheLaw kEmpty = lithe::describe<Empty>("empty");
+
+TEST(Law, FieldsOfStructsAndRowsOfArraysHaveNamesOfTheirOwn) {
+  const Nested::State s;
+  const auto at = [&s](const void* field) {
+    return static_cast<const char*>(field) - reinterpret_cast<const char*>(&s);
+  };
+  struct Wanted {
+    std::string name;
+    lithe::FieldKind kind;
+    std::ptrdiff_t offset;
+    std::uint32_t count;
+  };
+  std::vector<Wanted> wanted = {{"filter.x_rad", lithe::FieldKind::f64, at(&s.filter.x_rad), 1},
+                                {"filter.y_nm", lithe::FieldKind::f32, at(&s.filter.y_nm), 2},
+                                {"phase", lithe::FieldKind::u8, at(&s.phase), 1},
+                                {"each[0].x_rad", lithe::FieldKind::f64, at(&s.each[0].x_rad), 1},
+                                {"each[0].y_nm", lithe::FieldKind::f32, at(&s.each[0].y_nm), 2},
+                                {"each[1].x_rad", lithe::FieldKind::f64, at(&s.each[1].x_rad), 1},
+                                {"each[1].y_nm", lithe::FieldKind::f32, at(&s.each[1].y_nm), 2}};
+  for (std::size_t i = 0; i < s.row.size(); ++i)
+    wanted.push_back({"row[" + std::to_string(i) + "]", lithe::FieldKind::f64, at(&s.row[i]), 3});
+  ASSERT_EQ(kNested.state_count, wanted.size());
+  for (std::size_t i = 0; i < wanted.size(); ++i) {
+    const LitheStateField& field = kNested.state[i];
+    EXPECT_EQ(text(field.name), wanted[i].name);
+    EXPECT_EQ(field.kind, static_cast<std::uint32_t>(wanted[i].kind)) << wanted[i].name;
+    EXPECT_EQ(field.offset, static_cast<std::uint32_t>(wanted[i].offset)) << wanted[i].name;
+    EXPECT_EQ(field.count, wanted[i].count) << wanted[i].name;
+  }
+}
 
 TEST(Law, DescriptorNamesEveryStateFieldWithTypeAndRealOffset) {
   ASSERT_EQ(kFiltered.state_count, 6u);

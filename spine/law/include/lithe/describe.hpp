@@ -53,19 +53,10 @@ inline constexpr std::uint32_t kLawAbi = 2;
 namespace contract {
 
 template <class T>
-struct Element {
-  using type = T;
-  static constexpr std::uint32_t kCount = 1;
-};
-template <class T, std::size_t N>
-struct Element<std::array<T, N>> {
-  using type = T;
-  static constexpr std::uint32_t kCount = N;
-};
-
-template <class T>
 consteval FieldKind kind_of() {
-  if constexpr (std::is_same_v<T, bool>) {
+  if constexpr (std::is_enum_v<T>) {
+    return kind_of<std::underlying_type_t<T>>();
+  } else if constexpr (std::is_same_v<T, bool>) {
     return FieldKind::boolean;
   } else if constexpr (std::is_integral_v<T>) {
     constexpr std::uint32_t kLog2 = sizeof(T) == 1 ? 0 : sizeof(T) == 2 ? 1 : sizeof(T) == 4 ? 2 : 3;
@@ -80,29 +71,64 @@ consteval FieldKind kind_of() {
 }
 
 template <class T>
+struct Element {
+  using type = T;
+  static constexpr std::uint32_t kCount = 0;  // no array
+};
+template <class T, std::size_t N>
+struct Element<std::array<T, N>> {
+  using type = T;
+  static constexpr std::uint32_t kCount = N;
+};
+
+// A number, or an array of numbers: it is carried as a whole, by its name.
+template <class T>
+inline constexpr bool kIsCarried = kind_of<typename Element<T>::type>() != FieldKind::none;
+
+template <class T>
 concept PlainStruct =
     std::is_class_v<T> && std::is_aggregate_v<T> && std::is_trivially_copyable_v<T> && std::is_standard_layout_v<T>;
 
 // Requirements on every nested struct, so that its fields can be named and copied. False stops all further checks.
-template <class T>
+enum class Role { params, state, probes };
+template <Role role, class T>
 consteval bool check_struct() {
-  static_assert(PlainStruct<T>,
+  static_assert(
+      PlainStruct<T> || role != Role::state,
+      "LITHE: State has a field that is no plain number, or a constructor, a base class or a function that is "
+      "virtual: write numbers and std::arrays of them. An Eigen matrix: std::array<double, 36> m{}; in State, "
+      "and Eigen::Map<Eigen::Matrix<double, 6, 6>> m(s.m.data()); in step()");
+  static_assert(PlainStruct<T> || role == Role::state,
                 "LITHE: Params, State and Probes must be plain structs: public data fields only, no constructors, no "
                 "base classes, no virtual functions, nothing that owns memory");
   if constexpr (!PlainStruct<T>) {
     return false;
   } else if constexpr (reflect::has_c_array<T>()) {
-    static_assert(!reflect::has_c_array<T>(),
+    static_assert(role != Role::params,
+                  "LITHE: Params has an array: a Param is tuned by its own name, so write one for each: lithe::Param "
+                  "kp_0_nm_rad{4, 0, 40}, kp_1_nm_rad{4, 0, 40};");
+    static_assert(role == Role::params,
                   "LITHE: a State field is a C array (double x[3]): write std::array<double, 3> x{}; instead");
     return false;
-  } else if constexpr (reflect::field_count<T>() > reflect::kMaxFields) {
-    static_assert(reflect::field_count<T>() <= reflect::kMaxFields,
-                  "LITHE: a struct has more than 32 fields: group the joints of one quantity in a lithe::JointArray");
-    return false;
   } else {
-    static_assert(reflect::has_plain_layout<T>(),
-                  "LITHE: alignas on a field of Params, State or Probes is not supported: remove it");
-    return true;
+    constexpr bool kFits = reflect::field_count<T>() <= (role == Role::probes ? kMaxProbes : reflect::kMaxFields);
+    static_assert(kFits || role != Role::params,
+                  "LITHE: Params has more than 32 fields: what is never tuned can be a `static constexpr double` of "
+                  "the law, and one Param can scale several of them");
+    static_assert(kFits || role != Role::state,
+                  "LITHE: State has more than 32 fields: keep numbers of one kind in a std::array<double, 8> x{}, one "
+                  "quantity of all joints in a lithe::JointArray");
+    static_assert(kFits || role != Role::probes, "LITHE: Probes has more than 8 fields: telemetry has room for 8");
+    if constexpr (kFits) {
+      static_assert(
+          reflect::has_plain_layout<T>() || role != Role::state,
+          "LITHE: a State field is a bit field (unsigned n : 3) or has alignas: write std::uint8_t n = 0; and "
+          "no alignas");
+      static_assert(reflect::has_plain_layout<T>() || role == Role::state,
+                    "LITHE: alignas on a field of Params, State or Probes is not supported: remove it");
+      return reflect::has_plain_layout<T>();
+    }
+    return kFits;
   }
 }
 
@@ -112,21 +138,13 @@ consteval void check_name() {
                 "LITHE: this field's name is longer than 31 characters: shorten it, but keep its unit");
 }
 
-template <class State, std::size_t I>
-consteval void check_state_field() {
-  using Field = reflect::FieldType<State, I>;
-  static_assert(kind_of<typename Element<Field>::type>() != FieldKind::none,
-                "LITHE: a State field must be bool, an integer, float, double, or a std::array of one of them (see "
-                "'Field' in the lines around this one): pointers, nested structs, enums and containers cannot be "
-                "carried to the next law");
-  check_name<State, I>();
-}
-
 template <class Params, std::size_t I>
 consteval void check_param() {
-  static_assert(std::is_same_v<reflect::FieldType<Params, I>, Param>,
-                "LITHE: every field of Params must be a lithe::Param with its range: lithe::Param kp_nm_rad{4, 0, 40}; "
-                "is {value, min, max}. A number that is never tuned can be a `static constexpr double` of the law");
+  static_assert(
+      std::is_same_v<reflect::FieldType<Params, I>, Param>,
+      "LITHE: every field of Params must be a lithe::Param with its range: lithe::Param kp_nm_rad{4, 0, 40}; "
+      "is {value, min, max}. Of an array each one has its own name: kp_0_nm_rad, kp_1_nm_rad. A number that is "
+      "never tuned can be a `static constexpr double` of the law");
   check_name<Params, I>();
 }
 
@@ -184,8 +202,8 @@ consteval bool check() {
         "lithe::Tick&, const Params&, State&, lithe::Effort&), and a fifth, Probes&, when it has a struct Probes");
     static_assert(Inits<L> || !HasInit<L>,
                   "LITHE: init must be static void init(const lithe::History&, const Params&, State&)");
-    return check_struct<typename L::Params>() && check_struct<typename L::State>() && check_struct<Probes<L>>() &&
-           Steps<L> != StepsWithProbes<L>;
+    return check_struct<Role::params, typename L::Params>() && check_struct<Role::state, typename L::State>() &&
+           check_struct<Role::probes, Probes<L>>() && Steps<L> != StepsWithProbes<L>;
   }
 }
 
@@ -213,14 +231,97 @@ void init(const History* past, const void* params, void* state) LITHE_RT {
   L::init(*past, *static_cast<const typename L::Params*>(params), *static_cast<typename L::State*>(state));
 }
 
-template <class State, std::size_t... I>
-consteval void describe_state(LitheLaw& law, std::index_sequence<I...>) {
-  (check_state_field<State, I>(), ...);
-  ((copy_text(law.state[I].name, reflect::field_name<State, I>()),
-    law.state[I].kind = static_cast<std::uint32_t>(kind_of<typename Element<reflect::FieldType<State, I>>::type>()),
-    law.state[I].offset = static_cast<std::uint32_t>(reflect::field_offset<State, I>()),
-    law.state[I].count = Element<reflect::FieldType<State, I>>::kCount),
+// Names of a struct's fields are joined to its own: filter.x_rad; those of an array's elements: row[1].
+struct Name {
+  char text[2 * kMaxNameChars]{};
+  std::size_t size = 0;
+
+  consteval Name with(std::string_view more) const {
+    Name longer = *this;
+    for (const char c : more)
+      if (longer.size < sizeof text) longer.text[longer.size++] = c;
+    return longer;
+  }
+  consteval Name with(std::size_t index) const {
+    const char digits[4] = {static_cast<char>('0' + index / 1000 % 10), static_cast<char>('0' + index / 100 % 10),
+                            static_cast<char>('0' + index / 10 % 10), static_cast<char>('0' + index % 10)};
+    const std::size_t zeros = index < 10 ? 3 : index < 100 ? 2 : index < 1000 ? 1 : 0;
+    return with("[").with(std::string_view(digits + zeros, 4 - zeros)).with("]");
+  }
+};
+
+// Calls to.add<T>(name, offset) for each value of T: what is carried by a name of its own.
+template <class T, class To>
+consteval void each_value(To& to, const Name& name = {}, std::size_t offset = 0);
+
+template <class T, class To, std::size_t... I>
+consteval void each_field([[maybe_unused]] To& to, [[maybe_unused]] const Name& name,
+                          [[maybe_unused]] std::size_t offset, std::index_sequence<I...>) {
+  (each_value<reflect::FieldType<T, I>>(to, (name.size == 0 ? name : name.with(".")).with(reflect::field_name<T, I>()),
+                                        offset + reflect::field_offset<T, I>()),
    ...);
+}
+
+template <class T, class To>
+consteval void each_value(To& to, const Name& name, std::size_t offset) {
+  if constexpr (kIsCarried<T>) {
+    to.template add<T>(name, offset);
+  } else if constexpr (Element<T>::kCount > 0) {
+    using Each = typename Element<T>::type;
+    for (std::size_t i = 0; i < Element<T>::kCount; ++i) each_value<Each>(to, name.with(i), offset + i * sizeof(Each));
+  } else if constexpr (!std::is_class_v<T>) {
+    static_assert(std::is_class_v<T>,
+                  "LITHE: a State field must be bool, an integer, an enum, float, double, a struct or a std::array of "
+                  "them: a pointer cannot be carried to the next law");
+  } else if constexpr (check_struct<Role::state, T>()) {
+    each_field<T>(to, name, offset, std::make_index_sequence<reflect::field_count<T>()>{});
+  }
+}
+
+// How many values a State has, and the characters of their longest name.
+struct Extent {
+  std::size_t count = 0, longest = 0;
+
+  template <class T>
+  consteval void add(const Name& name, std::size_t) {
+    ++count;
+    longest = name.size > longest ? name.size : longest;
+  }
+};
+template <class State>
+consteval Extent extent_of() {
+  Extent seen;
+  each_value<State>(seen);
+  return seen;
+}
+
+struct StateWriter {
+  LitheLaw& law;
+
+  template <class T>
+  consteval void add(const Name& name, std::size_t offset) {
+    LitheStateField& field = law.state[law.state_count++];
+    copy_text(field.name, std::string_view(name.text, name.size));
+    field.kind = static_cast<std::uint32_t>(kind_of<typename Element<T>::type>());
+    field.offset = static_cast<std::uint32_t>(offset);
+    field.count = Element<T>::kCount == 0 ? 1 : Element<T>::kCount;
+  }
+};
+
+template <class State>
+consteval void describe_state(LitheLaw& law) {
+  constexpr Extent kExtent = extent_of<State>();
+  static_assert(
+      kExtent.count <= kMaxStateFields,
+      "LITHE: State has more than 32 fields, with those of its structs and the rows of its arrays: keep numbers "
+      "of one kind in a std::array<double, 8> x{}, one quantity of all joints in a lithe::JointArray");
+  static_assert(kExtent.longest <= kMaxNameChars,
+                "LITHE: State has a field whose name, such as filter.x_rad or row[1], is longer than 31 characters: "
+                "shorten it, but keep its unit");
+  if constexpr (kExtent.count <= kMaxStateFields) {
+    StateWriter to{law};
+    each_value<State>(to);
+  }
 }
 
 template <class Params, std::size_t... I>
@@ -264,11 +365,10 @@ consteval LitheLaw describe(std::string_view name) {
     law.joints = kMaxJoints;
     law.state_size = std::is_empty_v<State> ? 0 : sizeof(State);
     law.state_align = alignof(State);
-    law.state_count = reflect::field_count<State>();
     law.param_count = reflect::field_count<Params>();
     law.probe_count = reflect::field_count<contract::Probes<L>>();
     contract::copy_text(law.name, name);
-    contract::describe_state<State>(law, std::make_index_sequence<reflect::field_count<State>()>{});
+    contract::describe_state<State>(law);
     contract::describe_params<Params>(law, std::make_index_sequence<reflect::field_count<Params>()>{});
     contract::describe_probes<contract::Probes<L>>(
         law, std::make_index_sequence<reflect::field_count<contract::Probes<L>>()>{});
