@@ -251,12 +251,13 @@ json Service::run_compiler(const Job& job, const std::string& file, const std::s
   }
   if (outcome.starved) return refuse_starved(starved_text("the compiler", outcome));
   if (outcome.timed_out) {
-    return refuse_whole(
-        "compile", job.name,
-        fmt::format(
-            "the compiler had {:.1f} s of the processor in {:.1f} s (it may have {:.0f} s: swap.compile_s of the robot "
-            "file) and was not done: make the law smaller, with fewer templates and constant expressions",
-            outcome.cpu_ms * 1e-3, outcome.wall_ms * 1e-3, time_factor() * compiler_.cpu_s));
+    return refuse_whole("compile", job.name,
+                        fmt::format("the compiler was stopped after {:.1f} s, with {:.1f} s of the processor, and was "
+                                    "not done; swap.compile_s of "
+                                    "the robot file allows it {:.0f} s: make the law smaller, with fewer templates and "
+                                    "constant expressions, or "
+                                    "allow more",
+                                    outcome.wall_ms * 1e-3, outcome.cpu_ms * 1e-3, time_factor() * compiler_.cpu_s));
   }
   if (!outcome.clean() && memory_is_full(outcome.output)) {
     return refuse_whole("compile", job.name,

@@ -12,6 +12,7 @@
 #include "spine/arena/veneers.hpp"
 #include "spine/core/host/files.hpp"
 #include "spine/core/host/paths.hpp"
+#include "spine/core/lookup.hpp"
 #include "spine/core/sha256.hpp"
 
 namespace lithe::lawd {
@@ -34,7 +35,6 @@ const std::vector<std::string>& flags() {
                                                "-g1",                     // for the source line of a crash
                                                "-fcallgraph-info=su,da",  // admission bounds the stack with it
                                                "-isystem/usr/include/eigen3",
-                                               "-DEIGEN_NO_DEBUG",  // a failed assertion would print and abort
                                                "-Wall",
                                                "-Wextra",
                                                "-Wno-unused-parameter",  // a law need not use all arguments
@@ -68,7 +68,7 @@ Toolchain::Toolchain(std::string contract_dir, std::string cache)
     : contract_dir_(std::move(contract_dir)), cache_(std::move(cache)) {
   find_programs();
   std::string all = version_;
-  for (const char* header : {"law.hpp", "describe.hpp", "reflect.hpp"}) {
+  for (const char* header : {"law.hpp", "describe.hpp", "reflect.hpp", "eigen.hpp"}) {
     const auto text = read_file(contract_dir_ + "/lithe/" + header);
     if (!text) {
       error_ = "cannot read the law contract " + contract_dir_ + "/lithe/" + header +
@@ -81,7 +81,7 @@ Toolchain::Toolchain(std::string contract_dir, std::string cache)
   for (const std::string& flag : flags()) all += '\n' + flag;
   all += '\n' + std::to_string(arena::veneers_hash());  // the functions a law may call
   fingerprint_ = sha256_hex(all);
-  precompile();
+  precompile(law_);
 }
 
 void Toolchain::find_programs() {
@@ -100,40 +100,43 @@ void Toolchain::find_programs() {
 // The folder's name is made of the fingerprint, so a precompiled header of another compiler is never used, and of the
 // place of the headers: the compiler's messages name it, and it tells which lines may be quoted. Its size is stored
 // beside it, to detect a file truncated by a full disk or a crash.
-void Toolchain::precompile() {
-  const std::string dir = cache_ + "/contract/" + sha256_hex(fingerprint_ + contract_dir_).substr(0, 32);
-  const std::string header = dir + "/lithe/law.hpp.gch", note = dir + "/size";
+void Toolchain::precompile(Header& header) {
+  header.tried = true;
+  const std::string dir = cache_ + "/contract/" + sha256_hex(fingerprint_ + contract_dir_ + header.name).substr(0, 32);
+  const std::string made_header = dir + "/" + header.name + ".gch", note = dir + "/size";
   std::error_code failed;
-  const auto size = fs::file_size(header, failed);
+  const auto size = fs::file_size(made_header, failed);
   if (!failed && read_file(note) == std::to_string(size)) {
-    pch_dir_ = dir;
+    header.dir = dir;
     return;
   }
   fs::create_directories(dir + "/lithe", failed);
   const auto start = std::chrono::steady_clock::now();
   const ScratchDir scratch(cache_ + "/laws");
   if (scratch.path().empty()) return;
-  const std::string part = scratch.path() + "/law.hpp.gch";
+  const std::string part = scratch.path() + "/header.gch";
   std::vector<std::string> command = base_command();
   command.insert(command.end(),
-                 {"-I", contract_dir_, "-x", "c++-header", contract_dir_ + "/lithe/law.hpp", "-o", part});
+                 {"-I", contract_dir_, "-x", "c++-header", contract_dir_ + "/" + header.name, "-o", part});
   Limits limits;
   limits.wall_ms = 60'000;
   limits.cpu_s = 60;
   if (!run_program(command, limits).clean()) return;
   const auto made = fs::file_size(part, failed);
   if (failed) return;
-  fs::rename(part, header, failed);
+  fs::rename(part, made_header, failed);
   if (failed || !write_file_whole(note, std::to_string(made)).empty()) return;
   precompile_ms_ = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-  pch_dir_ = dir;
+  header.dir = dir;
 }
 
 void Toolchain::precompile_again() {
   std::error_code ignored;
-  if (!pch_dir_.empty()) fs::remove_all(pch_dir_, ignored);
-  pch_dir_.clear();
-  precompile();
+  for (Header* header : {&law_, &eigen_}) {
+    if (!header->dir.empty()) fs::remove_all(header->dir, ignored);
+    *header = {header->name};
+  }
+  precompile(law_);
 }
 
 nlohmann::json Toolchain::to_json() const {
@@ -149,10 +152,14 @@ std::vector<std::string> Toolchain::base_command() const {
 }
 
 std::vector<std::string> Toolchain::compile_command(const std::string& source, const std::string& object,
-                                                    Contract contract) const {
+                                                    Contract contract) {
   std::vector<std::string> command = base_command();
-  if (contract == Contract::precompiled && precompiled())
-    command.insert(command.end(), {"-I", pch_dir_});  // before the contract, so that lithe/law.hpp.gch is found first
+  const bool with_eigen = has_text(read_file(source).value_or(""), "<Eigen/");
+  Header& header = with_eigen ? eigen_ : law_;
+  if (!header.tried) precompile(header);
+  if (contract == Contract::precompiled && !header.dir.empty())
+    command.insert(command.end(), {"-I", header.dir});  // before the contract, so that its *.hpp.gch is found first
+  if (with_eigen) command.insert(command.end(), {"-include", header.name});
   // Debug information without the scratch folder, so that the same law gives the same object.
   const std::string folder = fs::path(source).parent_path().string();
   command.push_back("-ffile-prefix-map=" + folder + "/=");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The compiler of this machine, the contract (headers), and the precompiled contract.
+// The compiler of this machine, the contract (headers), and the precompiled contract, with and without Eigen.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -28,15 +28,16 @@ class Toolchain {
   // For a certificate: {"compiler", "linker", "flags", "contract"}; the flags as one line, contract = the fingerprint.
   nlohmann::json to_json() const;
   const std::string& contract_dir() const { return contract_dir_; }
-  bool precompiled() const { return !pch_dir_.empty(); }
+  bool precompiled() const { return !law_.dir.empty(); }
   double precompile_ms() const { return precompile_ms_; }
 
   // Used when the compiler fails with the precompiled header.
   void precompile_again();
 
+  // A source that includes Eigen gets lithe/eigen.hpp before it. The first one waits until that is precompiled.
   enum class Contract { precompiled, as_text };
   std::vector<std::string> compile_command(const std::string& source, const std::string& object,
-                                           Contract contract = Contract::precompiled) const;
+                                           Contract contract = Contract::precompiled);
   std::vector<std::string> link_command(const std::string& object, const std::string& library) const;
   // Links for a slot of the arena, with the linker script `script`. With debug lines the result is only for locating
   // source lines.
@@ -45,8 +46,14 @@ class Toolchain {
                                          const std::string& program, Lines lines = Lines::none) const;
 
  private:
+  struct Header {
+    std::string name;
+    std::string dir{};  // with its precompiled form; empty = there is none
+    bool tried = false;
+  };
+
   void find_programs();
-  void precompile();
+  void precompile(Header& header);
   std::vector<std::string> base_command() const;
 
   std::string contract_dir_, cache_;
@@ -54,7 +61,7 @@ class Toolchain {
   std::string linker_;
   std::string version_, linker_version_;
   std::string fingerprint_;
-  std::string pch_dir_;
+  Header law_{"lithe/law.hpp"}, eigen_{"lithe/eigen.hpp"};
   std::string error_;
   double precompile_ms_ = 0;
 };

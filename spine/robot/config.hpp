@@ -75,7 +75,7 @@ struct SwapConfig {
   double probation_s = 1.0;            // during this time a law that does worse than the one before is replaced
   double probation_error_ratio = 3.0;  // worse: an error this many times the largest before; 0 = not judged
   WatchAction watch = WatchAction::last_good;
-  double compile_s = 20.0;  // of the processor, for the compiler of one law; other limits of lawd follow it
+  double compile_s = 20.0;  // then the compiler of a law is stopped; the other limits of lawd follow it
 };
 
 struct BusConfig {

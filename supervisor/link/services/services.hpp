@@ -111,7 +111,7 @@ class LawdLink : public ServiceLink {
   static constexpr std::size_t kMaxChecks = 8;
 
   // `program`: path of lawd. `cpus`: cores that lawd and its compilers may use. `joints`: number of joints in the dry
-  // run. `compile_s`: processor time for the compiler of one law.
+  // run. `compile_s`: the longest time for the compiler of one law.
   LawdLink(std::string program, std::vector<int> cpus, std::size_t joints, double compile_s = 20.0);
 
   // For one answer, from when lawd receives the request: the compiler waits for the processor, too.
