@@ -276,7 +276,7 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
     }
     if (asked_into_soft_stop(j, torque_nm[j])) clamped[j] &= ~flag::kPositionClamped;  // of the plan
   }
-  const Probation::Observed observed{in_, torque_nm, report_.law_ns, clamped, joint_stopped, held_back};
+  const Probation::Observed observed{in_, effort_, torque_nm, report_.law_ns, clamped, joint_stopped, held_back};
   const Probation::News news = probation_.watch(observed);
   if (probation_.unproven()) report_.flags |= flag::kUnproven;
   tell_probation(news);

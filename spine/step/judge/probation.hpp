@@ -81,7 +81,8 @@ class Probation {
 
   struct Observed {
     const Tick& in;
-    const JointArray& torque_nm;  // what the law wants at each joint
+    const Effort& effort;         // what the law wants
+    const JointArray& torque_nm;  // and the torque of that at each joint
     std::int64_t law_ns;
     std::array<std::uint32_t, kMaxJoints> clamped;  // per joint: kClamped and kSlewed bits of what the guard did
     std::array<bool, kMaxJoints> stopped;           // joints that the law does not drive: their setpoint follows them

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "spine/law/clamp_limits.hpp"
-#include "spine/robot/limits/drive_loop.hpp"
 
 namespace lithe::step {
 namespace {
@@ -37,7 +36,7 @@ void Watch::configure(const robot::RobotConfig& robot) {
     joint_[j].torque_max_nm = joint.torque_max_nm;
     joint_[j].load_nm =
         std::clamp(joint.load_max_nm, kLeastLoadShare * joint.torque_max_nm, kMostLoadShare * joint.torque_max_nm);
-    joint_[j].by_torque = robot::loop_of(robot, joint) == robot::DriveLoop::torque;
+    joint_[j].loop = robot::loop_of(robot, joint);
   }
 }
 
@@ -79,7 +78,7 @@ void Watch::add(const Probation::Observed& tick, std::uint32_t j) LITHE_RT {
   now.asked.rad_s2 = std::max(now.asked.rad_s2, std::abs(in.setpoint_acceleration_rad_s2[j]));
   const double off_rad = std::abs(error), side = error > 0 ? 1.0 : -1.0;
   if (off_rad > far_rad(j)) {
-    const bool away = side * torque_nm < -joint_[j].load_nm;
+    const bool away = side * push_of(tick, j) < -1;
     const bool comes_nearer = side * in.velocity_rad_s[j] > Probation::kMovingRadS;
     const bool limp = std::abs(torque_nm) < kLimpShare * own_->joints[j].most_nm;
     now.pushed += away && !comes_nearer ? 1 : 0;
@@ -95,6 +94,18 @@ void Watch::add(const Probation::Observed& tick, std::uint32_t j) LITHE_RT {
   now.work += felt_nm * speed_rad_s;
   now.felt_squared += felt_nm * felt_nm;
   now.speed_squared += speed_rad_s * speed_rad_s;
+}
+
+// What the law asks the joint to do, of what it may ask without reason: beyond 1 (or -1) it moves the joint that way.
+double Watch::push_of(const Probation::Observed& tick, std::uint32_t j) const LITHE_RT {
+  switch (joint_[j].loop) {
+    case robot::DriveLoop::velocity:
+      return tick.effort.velocity_rad_s[j] / Probation::kMovingRadS;
+    case robot::DriveLoop::position:
+      return (tick.effort.position_rad[j] - tick.in.position_rad[j]) / Probation::kLeastErrorRad;
+    default:
+      return tick.torque_nm[j] / joint_[j].load_nm;
+  }
 }
 
 // Beyond this error a joint is far from its setpoint.
@@ -128,10 +139,10 @@ std::uint32_t Watch::judge(const Probation& probation, std::uint32_t j) const LI
   const bool chatters = kind == law::Tremor::Finding::Kind::chatter;
   const bool is_shaken_now = trembles && !chatters && brakes(now);
   const double most_slewed = law::kSlewClampLimit.probation * (own_->closed ? 1.0 : 0.5);
-  const bool judged = error_ratio_ > 0, by_torque = joint_[j].by_torque;
+  const bool judged = error_ratio_ > 0, by_torque = joint_[j].loop == robot::DriveLoop::torque;
   std::uint32_t bad = 0;
   const auto put = [&bad](Criterion criterion, bool is) LITHE_RT { bad |= is ? 1u << criterion : 0u; };
-  put(pushes_away, judged && by_torque && now.pushed >= kPushedShare * ticks);
+  put(pushes_away, judged && now.pushed >= kPushedShare * ticks);
   put(gives_no_torque, judged && by_torque && now.limp >= kLimpTicks * ticks);
   put(shakes, trembles && !is_shaken_now);
   put(slewed, by_torque && probation.slewed_share(j) > most_slewed && !(asked_more(j) > 1));

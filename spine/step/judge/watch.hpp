@@ -10,6 +10,7 @@
 #include "spine/core/rt.hpp"
 #include "spine/law/resident.hpp"
 #include "spine/robot/config.hpp"
+#include "spine/robot/limits/drive_loop.hpp"
 #include "spine/step/judge/probation.hpp"
 
 namespace lithe::step {
@@ -30,7 +31,8 @@ namespace lithe::step {
 // The reference of a law are the windows of its probation; of a law without one, its first kOwnReferenceS. A criterion
 // that was true there is not judged at this joint: the law has another purpose. New parameters make a new reference.
 // What the law wants is judged, not what the joint gets: limits, and drives that give less, are not its fault. Where a
-// drive closes its own loop of velocity or position, only shaking and is_far are judged. With error_ratio 0 no error
+// drive closes its own loop of velocity or position, away means a target speed above kMovingRadS, or a target
+// kLeastErrorRad beyond the joint; its torque is not judged, but for shaking. With error_ratio 0 no error
 // is. Where Probation judges no error (pauses, soft start) the window is dropped. Stopped joints are not judged.
 // Contract: RT · owned by the tick thread · bounded work per joint, allocates nothing
 class Watch {
@@ -68,7 +70,7 @@ class Watch {
 
   struct Joint {
     double load_nm = 0, torque_max_nm = 1;
-    bool by_torque = true;  // the drive closes no loop of its own around it
+    robot::DriveLoop loop = robot::DriveLoop::torque;
   };
   struct Asked {  // the largest of the setpoint
     double rad_s = 0, rad_s2 = 0;
@@ -95,6 +97,7 @@ class Watch {
 
   void begin(const law::Resident& law, std::int64_t now_ns) LITHE_RT;
   void add(const Probation::Observed& tick, std::uint32_t j) LITHE_RT;
+  double push_of(const Probation::Observed& tick, std::uint32_t j) const LITHE_RT;
   double far_rad(std::uint32_t j) const LITHE_RT;
   double asked_more(std::uint32_t j) const LITHE_RT;
   static bool brakes(const Window& now) LITHE_RT;

@@ -56,6 +56,7 @@ inline const char* name_of(Turn turn) {
 template <int kNumber>
 struct Follower {
   static inline Turn turn = Turn::good;
+  static inline bool by_target = false;         // for a drive with a loop of its own
   static inline std::uint32_t of = kMaxJoints;  // this joint only; kMaxJoints: all
   static inline JointArray kp{}, kd{}, most{}, gravity{};
 
@@ -69,6 +70,12 @@ struct Follower {
       const double error_rad_s = t.setpoint_velocity_rad_s[j] - t.velocity_rad_s[j];
       const double nm = p.gain * kp[j] * error_rad + kd[j] * error_rad_s + gravity[j] * std::sin(t.position_rad[j]);
       const Turn now = of == kMaxJoints || of == j ? turn : Turn::good;
+      if (by_target) {
+        const double sign = now == Turn::reversed ? -1 : 1;
+        u.position_rad[j] = t.position_rad[j] + sign * error_rad;
+        u.velocity_rad_s[j] = sign * (5 * error_rad + t.setpoint_velocity_rad_s[j]);
+        continue;
+      }
       u.torque_nm[j] = now == Turn::reversed   ? -nm
                        : now == Turn::silent   ? 0
                        : now == Turn::undamped ? kp[j] * error_rad - 4 * kd[j] * error_rad_s
@@ -93,6 +100,7 @@ class WatchBench : public TickBench {
     }
     Proven::turn = Watched::turn = Turn::good;
     Proven::of = Watched::of = kMaxJoints;
+    Proven::by_target = Watched::by_target = false;
   }
   // Of both laws at this joint.
   static void gains(std::size_t j, double kp, double kd, double most_nm, double gravity_nm = 0) {

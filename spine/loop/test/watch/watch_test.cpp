@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "spine/loop/test/recover_rig.hpp"
 #include "spine/loop/test/watch/watch_rig.hpp"
 
 namespace lithe::loop {
@@ -115,6 +116,7 @@ TEST_P(WatchTest, ALawThatBeginsToShakeIsTakenAway) {
   // second. What swings more slowly is motion (law::Tremor).
   widest_rad_ = 1.2;
   for (const Turn turn : {Turn::undamped, Turn::hammers, Turn::chatters}) {
+    if (turn == Turn::undamped && std::string(GetParam()) != "arm") continue;  // other links and friction may damp it
     open();
     Watched::of = last();
     Watched::turn = turn;
@@ -235,6 +237,27 @@ TEST_F(OneWatchTest, OfTwelveJointsTheOneThatIsPushedAwayIsNamed) {
   Watched::turn = Turn::reversed;
   EXPECT_LT(bench_->follow_until_taken(8), kSoonS);
   expect_taken("pushes_away: joint " + name(7) + ", error ");
+}
+
+// The drive closes the loop: the law gives targets, and turns them to the other side.
+TEST_F(OneWatchTest, ATargetThatLeadsAwayIsFoundWhereTheDriveClosesItsOwnLoop) {
+  for (const auto mode : {hal::cia402::Mode::velocity, hal::cia402::Mode::position}) {
+    robot_ = robot_of(1000, {{.drive = robot::DeviceKind::cia402}});
+    constexpr double kRatio = 20;  // else a count is a step of 1.5 mrad
+    robot_.devices[0].keys.cia402.mode = mode;
+    robot_.devices[0].keys.cia402.rated_torque_nm /= kRatio;
+    robot_.joints[0].ratio = kRatio;
+    robot_.joints[0].velocity_max_rad_s = 4;
+    bench_ = std::make_unique<WatchBench>(robot_);
+    Proven::by_target = Watched::by_target = true;
+    bench_->begin();
+    ASSERT_TRUE(bench_->confirmed()) << bench_->text(EventKind::law_rolled_back);
+    bench_->follow(2);
+    Watched::turn = Turn::reversed;
+    EXPECT_LT(bench_->follow_until_taken(8), 2 * kSoonS) << "it moves at 4 rad/s at most";
+    expect_taken("pushes_away: joint ");
+    EXPECT_EQ(bench_->mode(), Mode::hold);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Robots, WatchTest, testing::Values("arm", "chain", "frankenstein"));
