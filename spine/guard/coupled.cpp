@@ -22,7 +22,7 @@ void Guard::observe(const Input& in) LITHE_RT {
       {in.position_rad, in.velocity_rad_s, fresh, 1e-9 * static_cast<double>(in.sample_age_ns)});
 }
 
-// What law, safe law or recovery want of a joint at the predicted state, within torque, power and gains.
+// What law or safe law want of a joint at the predicted state, within torque, power and gains.
 Guard::Proposal Guard::propose_law(std::size_t j, const Input& in) LITHE_RT {
   safe_law_.rearm(j);
   const Joint& joint = joint_[j];
@@ -49,12 +49,10 @@ Guard::Proposal Guard::propose_safe_law(std::size_t j) LITHE_RT {
   return proposal;
 }
 
-Guard::Proposal Guard::propose_recovery(std::size_t j) LITHE_RT {
-  safe_law_.rearm(j);
-  const JointStates& at = together_->observer().next();
-  const double felt_nm = together_->observer().felt_nm(j);
-  return {.most_nm = joint_[j].limit.torque_max_nm,
-          .wanted_nm = recovery_.torque_nm(j, at.position_rad[j], at.velocity_rad_s[j], felt_nm)};
+// Also of a recovery, which is slow: there each joint is bounded alone.
+void Guard::tell_observer(const JointCommands& out) LITHE_RT {
+  if (together_ == nullptr) return;
+  for (std::size_t j = 0; j < joints_; ++j) together_->observer().command(j, pd_of(out, j), out.max_torque_nm[j]);
 }
 
 void Guard::choose(std::size_t j, const Proposal& proposal, Choice& choice, JointArray& torque_nm, std::uint32_t& flags)
@@ -100,16 +98,14 @@ void Guard::settle_torque(std::size_t j, const Input& in, Command command, doubl
 }
 
 void Guard::decide_together(const Input& in, JointCommands& out, Verdict& verdict) LITHE_RT {
-  const bool recovers = verdict.recovering && !verdict.use_safe_law;
   std::array<Proposal, kMaxJoints> proposal{};
   Choice choice;
   JointArray torque_nm{};
-  verdict.recovered = recovers;
   for (std::size_t j = 0; j < joints_; ++j) {
     Joint& joint = joint_[j];
-    joint.rung = recovers ? Rung::law : group_[joint.group].rung;
+    joint.rung = group_[joint.group].rung;
     joint.law_flags = 0;
-    std::uint32_t& flags = joint.rung == Rung::law && !recovers ? joint.law_flags : verdict.flags;
+    std::uint32_t& flags = joint.rung == Rung::law ? joint.law_flags : verdict.flags;
     const bool blind = joint.rung == Rung::safe_law && !joint.usable;
     if (blind || (joint.rung != Rung::law && joint.rung != Rung::safe_law)) {
       safe_law_.rearm(j);
@@ -119,8 +115,7 @@ void Guard::decide_together(const Input& in, JointCommands& out, Verdict& verdic
       torque_nm[j] = choice.least_nm[j] = choice.most_nm[j] = together_->observer().felt_nm(j);
       continue;
     }
-    proposal[j] = recovers ? propose_recovery(j) : joint.rung == Rung::law ? propose_law(j, in) : propose_safe_law(j);
-    if (recovers) choice.open_limit[j] = recovery_.from(j);  // its first tick finds it
+    proposal[j] = joint.rung == Rung::law ? propose_law(j, in) : propose_safe_law(j);
     choose(j, proposal[j], choice, torque_nm, flags);
   }
   const JointArray slewed_nm = torque_nm;
@@ -128,22 +123,16 @@ void Guard::decide_together(const Input& in, JointCommands& out, Verdict& verdic
   for (std::size_t j = 0; j < joints_; ++j) {
     Joint& joint = joint_[j];
     if (!choice.ignored[j]) {
-      const bool lawful = joint.rung == Rung::law && !recovers;
-      joint.at_envelope = !recovers && std::abs(torque_nm[j] - slewed_nm[j]) > kNegligibleNm;
-      if (std::abs(torque_nm[j] - slewed_nm[j]) > kNegligibleNm)
-        (lawful ? joint.law_flags : verdict.flags) |= flag::kPositionClamped;
-      // Also valid if no other command follows. Braking torque may exceed the limit of soft start or recovery.
-      const double most_nm = recovers ? recovery_.torque_cap_nm(j) : proposal[j].most_nm;
-      settle_torque(j, in, proposal[j].command, torque_nm[j], std::max(most_nm, std::abs(torque_nm[j])), out);
-      if (recovers) verdict.recovered = verdict.recovered && recovery_.recovered(j);
+      joint.at_envelope = std::abs(torque_nm[j] - slewed_nm[j]) > kNegligibleNm;
+      if (joint.at_envelope) (joint.rung == Rung::law ? joint.law_flags : verdict.flags) |= flag::kPositionClamped;
+      // Also valid if no other command follows. Braking torque may exceed the limit of soft start.
+      settle_torque(j, in, proposal[j].command, torque_nm[j], std::max(proposal[j].most_nm, std::abs(torque_nm[j])),
+                    out);
     }
     verdict.law_flags |= joint.law_flags;
-    together_->observer().command(j, pd_of(out, j), out.max_torque_nm[j]);
   }
   verdict.flags |= verdict.law_flags;
-  if (!recovers) return;
-  if (!verdict.recovered) verdict.flags |= flag::kRecovering;
-  soft_start_ = recovery_.share();
+  tell_observer(out);
 }
 
 }  // namespace lithe::guard

@@ -127,10 +127,8 @@ Verdict Guard::check(const Input& in, JointCommands& out) LITHE_RT {
   descend_all(in, verdict.use_safe_law);
   if (together_ != nullptr) observe(in);
   if (verdict.recovering && !verdict.use_safe_law) {
-    if (together_ != nullptr)
-      decide_together(in, out, verdict);
-    else
-      recover(in, out, verdict);
+    recover(in, out, verdict);
+    tell_observer(out);
     return verdict;
   }
   if (!verdict.use_safe_law) {

@@ -189,7 +189,7 @@ class Guard {
   void decide_together(const Input& in, JointCommands& out, Verdict& verdict) LITHE_RT;
   Proposal propose_law(std::size_t j, const Input& in) LITHE_RT;
   Proposal propose_safe_law(std::size_t j) LITHE_RT;
-  Proposal propose_recovery(std::size_t j) LITHE_RT;
+  void tell_observer(const JointCommands& out) LITHE_RT;
   void choose(std::size_t j, const Proposal& proposal, Choice& choice, JointArray& torque_nm, std::uint32_t& flags)
       LITHE_RT;
   void settle_torque(std::size_t j, const Input& in, Command command, double torque_nm, double most_nm,

@@ -346,6 +346,34 @@ TEST(LimitsRecover, NoJointRunsThroughToItsOtherLimitAndAllEndInside) {
   EXPECT_GT(heavy, 0) << "loads that recover's own torque does not hold";
 }
 
+// All joints of a chain outside of narrow limits, each on either side.
+TEST(LimitsRecover, AChainWithAModelEndsInside) {
+  double opposite_rad = -1e9, end_rad = -1e9, speed_share = 0;
+  for (std::uint64_t seed = 1; seed <= 100 / std::min(LITHE_LIMITS_SHARE, 20); ++seed) {
+    Dice dice(seed);
+    limits::Run run;
+    run.seed = seed;
+    run.recover = true;
+    run.robot = load("chain");
+    run.transport_thread = dice.one_in(2);
+    run.seconds = 8;
+    for (robot::JointConfig& joint : run.robot.joints) {
+      shuffle_limits(joint, dice);
+      const double out = dice.between(0.05, 0.4);
+      joint.sim.initial_position_rad = dice.one_in(2) ? joint.position_max_rad + out : joint.position_min_rad - out;
+    }
+    const Extremes extremes = play(run);
+    EXPECT_EQ(extremes.fault, wire::Fault::none) << "run " << seed;
+    opposite_rad = std::max(opposite_rad, extremes.opposite_rad);
+    end_rad = std::max(end_rad, extremes.end_rad);
+    speed_share = std::max(speed_share, extremes.speed_share);
+  }
+  std::printf("chain: nearest to the other limit %.4f rad inside, at the end %.4f; fastest %.3f of the fault\n",
+              -opposite_rad, -end_rad, speed_share);
+  EXPECT_LE(opposite_rad, 0);
+  EXPECT_LE(end_rad, guard::Recovery::kAtLimitRad);
+}
+
 // What robot files declare holds for what they simulate, with 5 % error of the drive's torque.
 TEST(LimitsDeclared, CoverWhatTheRobotFilesSimulate) {
   for (const char* name : {"arm", "arm8", "arm32", "frankenstein", "quadruped"}) {

@@ -106,7 +106,6 @@ double Coordinated::brake_rad_s2(std::size_t j, double q, double v, double share
 
 bool Coordinated::stops(std::size_t j, bool up, double rad_s2, double transition_s, double unsure_rad_s2) const
     LITHE_RT {
-  if (choice_.open_limit[j] == (up ? 1 : -1)) return true;
   const Joint& joint = joint_[j];
   const double side = up ? 1 : -1, least = now_rad_s2_[j] / (1 + error_), unsure_rad_s = unsure_rad_s_[j];
   const double a = side * rad_s2 + unsure_rad_s2;

@@ -14,9 +14,8 @@ namespace lithe::guard {
 
 // The torques that the slew bound and the drives allow when the next commands act, and what is wanted of them [N m].
 struct Choice {
-  JointArray least_nm{}, most_nm{};          // equal: this joint's torque is not to be chosen
-  std::array<bool, kMaxJoints> ignored{};    // its limits are not kept: nothing here can move it
-  std::array<int, kMaxJoints> open_limit{};  // recover: the limit that it comes from, -1 or 1, is not kept; 0 = both
+  JointArray least_nm{}, most_nm{};        // equal: this joint's torque is not to be chosen
+  std::array<bool, kMaxJoints> ignored{};  // its limits are not kept: nothing here can move it
 };
 
 // Selects the torques nearest to the wanted ones with which all joints can still be stopped together:
