@@ -116,7 +116,6 @@ TEST_P(WatchTest, ALawThatBeginsToShakeIsTakenAway) {
   // second. What swings more slowly is motion (law::Tremor).
   widest_rad_ = 1.2;
   for (const Turn turn : {Turn::undamped, Turn::hammers, Turn::chatters}) {
-    if (turn == Turn::undamped && std::string(GetParam()) != "arm") continue;  // other links and friction may damp it
     open();
     Watched::of = last();
     Watched::turn = turn;
