@@ -163,9 +163,11 @@ bool does(RobotConfig robot, std::size_t joint, double JointConfig::* gain, doub
 
 // The first that does of `value` times `by`, times `by` again, up to `most`. 0: none.
 double other_value(const RobotConfig& robot, std::size_t joint, double JointConfig::* gain, double by, double most) {
-  double value = robot.joints[joint].*gain * by;
-  for (int i = 0; i < kMostTries && value <= most; ++i, value *= by)
+  for (int i = 1; i <= kMostTries; ++i) {
+    const double value = robot.joints[joint].*gain * std::pow(by, i);
+    if (value > most) break;
     if (const double told = std::stod(fmt::format("{:.2g}", value)); does(robot, joint, gain, told)) return told;
+  }
   return 0;
 }
 

@@ -21,9 +21,7 @@ constexpr double kHandedOn = 0.75;  // of these: at most so much counts for the 
 constexpr auto kCatchUpNs = static_cast<std::int64_t>(1e9 * Probation::kCatchUpS);
 constexpr std::int64_t kLongestReturnNs = 1'000'000'000;
 
-double error_rad(const Tick& in, std::uint32_t j) LITHE_RT {
-  return std::abs(in.setpoint_position_rad[j] - in.setpoint_velocity_rad_s[j] * in.sample_age_s - in.position_rad[j]);
-}
+double error_rad(const Tick& in, std::uint32_t j) LITHE_RT { return std::abs(tracking_error_rad(in, j)); }
 
 // The largest error on the way, when the joint comes evenly to the setpoint's velocity within kCatchUpS.
 double found_rad(const Tick& in, std::uint32_t j) LITHE_RT {

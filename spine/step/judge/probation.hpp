@@ -15,6 +15,11 @@
 
 namespace lithe::step {
 
+// Setpoint minus position of joint j, both at the time of the sample.
+inline double tracking_error_rad(const Tick& in, std::uint32_t j) LITHE_RT {
+  return in.setpoint_position_rad[j] - in.setpoint_velocity_rad_s[j] * in.sample_age_s - in.position_rad[j];
+}
+
 // The criteria (besides a law fault, which always replaces the law):
 //   tracking    a joint's error grows beyond error_ratio times the largest of the time before the commit; a joint that
 //               tracked better than kLeastErrorRad counts as having been that far off. The error is that at the time of

@@ -21,10 +21,6 @@ constexpr double kBraking = -0.5;
 // A setpoint that asks for this much, or as much as in the reference, is no reason for a larger error.
 constexpr double kUsualRadS = 0.5, kUsualRadS2 = 5.0;
 
-double error_rad(const Tick& in, std::uint32_t j) LITHE_RT {
-  return in.setpoint_position_rad[j] - in.setpoint_velocity_rad_s[j] * in.sample_age_s - in.position_rad[j];
-}
-
 }  // namespace
 
 void Watch::configure(const robot::RobotConfig& robot) {
@@ -70,7 +66,7 @@ Watch::News Watch::see(const law::Resident& law, const Probation::Observed& tick
 
 void Watch::add(const Probation::Observed& tick, std::uint32_t j) LITHE_RT {
   const Tick& in = tick.in;
-  const double error = error_rad(in, j), torque_nm = tick.torque_nm[j], felt_nm = in.torque_nm[j];
+  const double error = tracking_error_rad(in, j), torque_nm = tick.torque_nm[j], felt_nm = in.torque_nm[j];
   const double speed_rad_s = in.velocity_rad_s[j] - in.setpoint_velocity_rad_s[j];
   if (tick.stopped[j] || !std::isfinite(error + torque_nm + felt_nm + speed_rad_s)) return;
   Window& now = window_[j];
