@@ -17,8 +17,8 @@ TICKS = 7000  # from the commit on: three thousand as a good law, then it pushes
 
 @pytest.mark.alone  # a Spine that is held up for ten ticks cannot brake meanwhile
 def test_a_joint_under_full_torque_stays_inside_its_limits() -> None:
-    """The law pushes for four seconds, without a probation that would take it away."""
-    with calm_robot(ideal=False) as rig, connected() as robot:
+    """The law pushes for four seconds, without a probation or a watch that would take it away."""
+    with calm_robot(changes={'watch = "last_good"': 'watch = "alarm"'}, ideal=False) as rig, connected() as robot:
         cursor = RingCursor(robot.spine.mapping, "telemetry")
         done = robot.swap(LAW.replace("20'000", "3'000"), name="full_torque.cpp", probation_s=0)
         assert done["commit_tick"] > 0
