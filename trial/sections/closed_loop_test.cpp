@@ -307,7 +307,7 @@ struct Looks : NoParamsNoState {
   static void step(const Tick& t, const Params&, State&, Effort& u) {
     if (t.tick < g_tick) ++g_run;
     g_tick = t.tick;
-    Seen& seen = g_seen[static_cast<std::size_t>(std::clamp(g_run, 0, 1]));
+    Seen& seen = g_seen.at(static_cast<std::size_t>(std::clamp(g_run, 0, 1)));
     Seen::push(seen.position_rad, t.position_rad[0], seen.position_jumps, seen.ticks);
     Seen::push(seen.velocity_rad_s, t.velocity_rad_s[0], seen.velocity_jumps, seen.ticks);
     if (++seen.ticks > 650) {
