@@ -215,9 +215,10 @@ def test_without_pinocchio_the_package_is_named(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_what_pinocchio_throws_is_told_with_the_file(pin: Any, tmp_path: Path) -> None:
-    """Two unnamed defaults with classes (an IndexError or the like in Pinocchio), and no XML: never a traceback."""
+    """Two unnamed defaults (an IndexError in Pinocchio), no XML, no URDF: never a traceback."""
     two = "".join(f'<default><default class="{name}"><joint damping="1"/></default></default>' for name in "ab")
-    for name, text in [("two.xml", LEG.replace("<worldbody>", two + "<worldbody>")), ("text.xml", "a leg")]:
+    leg = LEG.replace("<worldbody>", two + "<worldbody>").replace('name="roll"', 'name="roll" class="b"')
+    for name, text in [("two.xml", leg), ("text.xml", "a leg"), ("empty.urdf", "")]:
         path = tmp_path / name
         path.write_text(text)
         with pytest.raises(LitheError, match=name):
