@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Release jitter of LITHE, compared with the best that this machine can do and with cyclictest.
 //
-// Blocks of 500 ms of a bare spin (floor) and of LITHE alternate on one core and in one phase, so that the machine
-// disturbs both in the same way; cyclictest runs on the same core after each round. The negative control is LITHE with
-// another busy thread on its core; its result must be bad.
+// Blocks of 500 ms of a bare spin (floor), of one that writes what a tick writes, and of LITHE alternate on one core
+// and in one phase, so that the machine disturbs all in the same way; cyclictest runs on the same core after each
+// round. The negative control is LITHE with another busy thread on its core; its result must be bad.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -21,14 +21,14 @@ namespace lithe::bench {
 namespace {
 
 constexpr int kRounds = 6;
-constexpr int kPairsPerRound = 10;  // 500 ms of floor and 500 ms of LITHE each
+constexpr int kPairsPerRound = 10;  // 500 ms of each floor and 500 ms of LITHE
 constexpr int kCyclictestSeconds = 4;
 constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
 constexpr std::int64_t kLeastNs = 1000;  // smaller differences are not significant
 constexpr double kControlAtLeast = 20;   // the ratio of the control must be at least this
 
 struct Runs {
-  std::vector<Cycle> floor, lithe, control;
+  std::vector<Cycle> floor, writing, lithe, control;
   std::vector<std::int64_t> cyclictest_ns;
 };
 
@@ -39,6 +39,7 @@ Runs measure(Cores cores) {
   for (int round = 0; round < kRounds; ++round) {
     for (int pair = 0; pair < kPairsPerRound; ++pair) {
       rig.run_bare_block(kBlockNs, runs.floor);
+      rig.run_writing_block(kBlockNs, runs.writing);
       rig.run_block(kBlockNs, runs.lithe);
     }
     cyclictest = cyclictest && run_cyclictest(cores.spine, kCyclictestSeconds, runs.cyclictest_ns);
@@ -59,6 +60,9 @@ double ratio(const std::vector<std::int64_t>& over_ns, const std::vector<std::in
 void report(const Runs& runs) {
   const auto floor_ns = figure_ns(runs.floor, &Cycle::late_ns, true);
   const auto lithe_ns = figure_ns(runs.lithe, &Cycle::late_ns, true);
+  const auto writing_ns = figure_ns(runs.writing, &Cycle::late_ns, true);
+  const auto work_ns = figure_ns(runs.lithe, &Cycle::work_ns, true);
+  const auto writing_work_ns = figure_ns(runs.writing, &Cycle::work_ns, true);
   const auto control_ns = figure_ns(runs.control, &Cycle::late_ns, true);
   const auto floor_raw_ns = figure_ns(runs.floor, &Cycle::late_ns, false);
   const auto lithe_raw_ns = figure_ns(runs.lithe, &Cycle::late_ns, false);
@@ -68,11 +72,16 @@ void report(const Runs& runs) {
   JsonLine line;
   line.number("release_jitter_p999_over_floor", ratio(lithe_ns, floor_ns, 0.999))
       .number("release_jitter_p99_over_floor", ratio(lithe_ns, floor_ns, 0.99))
+      .number("release_jitter_p999_over_writing", ratio(lithe_ns, writing_ns, 0.999))
+      .number("work_p999_over_writing", ratio(work_ns, writing_work_ns, 0.999))
       .number("release_jitter_p999_over_floor_raw", ratio(lithe_raw_ns, floor_raw_ns, 0.999))
       // Raw over raw: the stolen time of cyclictest is not visible from outside.
       .number("release_jitter_p999_over_cyclictest", ratio(lithe_raw_ns, runs.cyclictest_ns, 0.999))
       .number("release_jitter_p50_over_cyclictest", ratio(lithe_raw_ns, runs.cyclictest_ns, 0.5))
       .quantiles("floor", floor_ns)
+      .quantiles("writing", writing_ns)
+      .quantiles("work", work_ns)
+      .quantiles("writing_work", writing_work_ns)
       .quantiles("lithe", lithe_ns)
       .quantiles("floor_raw", floor_raw_ns)
       .quantiles("lithe_raw", lithe_raw_ns)

@@ -57,6 +57,7 @@ def show_jitter(figures: Figures) -> None:
     """Release jitter, its floor, and cyclictest."""
     kinds = [
         ("bare spin, steal-aware (floor)", "floor"),
+        ("a spin that writes what a tick writes", "writing"),
         ("LITHE, steal-aware", "lithe"),
         ("bare spin, raw", "floor_raw"),
         ("LITHE, raw", "lithe_raw"),
@@ -64,6 +65,8 @@ def show_jitter(figures: Figures) -> None:
         ("control: another thread on the core", "control"),
         ("hand-off: wake-up to command out", "handoff"),
         ("hand-off, raw", "handoff_raw"),
+        ("work of a tick: wake-up to its end", "work"),
+        ("work of the spin that writes", "writing_work"),
     ]
     table(
         "release jitter at 1 kHz, in blocks that alternate [us]", HEAD, [quantile_row(n, figures, k) for n, k in kinds]

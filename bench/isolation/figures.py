@@ -22,18 +22,19 @@ from bench.tables import Figures
 # Record of bench/isolation/spine.cpp
 RECORD = np.dtype(
     [
-        *((name, "<i8") for name in ("late_ns", "stolen_ns", "handoff_ns", "release_ns")),
+        *((name, "<i8") for name in ("late_ns", "stolen_ns", "handoff_ns", "release_ns", "work_ns", "page_ns")),
         *((name, "<u2") for name in ("switches", "sleeps")),
         *((name, "u1") for name in ("program", "missed")),
         ("told", "<u2"),
     ]
 )
-FLOOR, LITHE, CONTROL, CYCLICTEST = range(4)  # the program's number in a record
+FLOOR, LITHE, CONTROL, CYCLICTEST, WRITING = range(5)  # the program's number in a record
 PEERS = ("cyclictest", "plain_loop", "moteus_loop")
-# `ours`: it passed while the tick before it still ran. `kernel_thread`, `tick` and `interrupt` are told by a trace only
+# `page`, `ours`: it passed while the tick before it still ran; `page` when that tick spent most of the delay with a
+# touch of the pages of its telemetry record. `kernel_thread`, `tick` and `interrupt` are told by a trace only
 # (bench/isolation/attribution.py). Without one, a release before which there was a switch is counted at `other_task`.
 # `unknown`: none of these. A bare spin, which has no work of its own, shows how many the machine itself makes.
-CAUSES = ("hypervisor", "kernel_thread", "tick", "interrupt", "other_task", "ours", "unknown")
+CAUSES = ("hypervisor", "kernel_thread", "tick", "interrupt", "other_task", "page", "ours", "unknown")
 PERIOD_NS = 1_000_000
 LEAST_US = 1.0  # smaller differences are not significant
 RESAMPLES = 200
@@ -45,7 +46,7 @@ Late = npt.NDArray[np.int64]  # [ns]
 def peer_records(late_ns: list[int] | Late, stolen_ns: int) -> Records:
     """Records of a peer's round. `stolen_ns`: what the hypervisor took from its cores in that time."""
     records = np.zeros(len(late_ns), RECORD)
-    records["late_ns"], records["handoff_ns"] = late_ns, -1
+    records["late_ns"], records["handoff_ns"], records["work_ns"] = late_ns, -1, -1
     explained = min(-(-stolen_ns // PERIOD_NS), len(records))
     if explained:
         records["stolen_ns"][np.argsort(records["late_ns"])[-explained:]] = np.iinfo(np.int64).max
@@ -71,14 +72,24 @@ def cause(records: Records) -> npt.NDArray[np.int64]:
     return np.where(stolen(records), 0, np.where(records["told"] > 0, records["told"].astype(np.int64) - 1, guessed))
 
 
-def missed_cause(missed: Records) -> npt.NDArray[np.int64]:
-    """The same for missed deadlines. A tick that began in time, but ended after the next release, took that long:
-    ours, unless another task ran, or more than half a period was stolen.
+def of_work(records: Records) -> Records:
+    """The same releases, those at which something ran, by how long that took (`late_ns`) and by what made it long:
+    ours, unless another task ran, or a touch of the pages took more than half of it.
     """
+    seen = records[records["work_ns"] >= 0]
+    seen["late_ns"] = seen["work_ns"]
+    paged = seen["page_ns"] > seen["work_ns"] // 2
+    told = np.where(paged, CAUSES.index("page"), CAUSES.index("ours")) + 1
+    seen["told"] = np.where(seen["switches"] > 0, 0, told)
+    return seen
+
+
+def missed_cause(missed: Records) -> npt.NDArray[np.int64]:
+    """The same for missed deadlines: of a tick that began in time, but ended after the next release, by its work."""
     seen = missed.copy()
-    began = seen["late_ns"] < PERIOD_NS // 2
+    began = (seen["late_ns"] < PERIOD_NS // 2) & (seen["work_ns"] >= 0)
+    seen[began] = of_work(missed[began])
     seen["late_ns"][began] = PERIOD_NS  # its end was at least this late
-    seen["told"][began] = np.where(seen["switches"][began] > 0, 0, 1 + CAUSES.index("ours"))
     return cause(seen)
 
 
@@ -165,11 +176,17 @@ def cause_figures(key: str, rounds: Rounds) -> Figures:
 
 
 def workload_figures(name: str, seen: dict[str, Rounds]) -> Figures:
-    """All figures of one workload; `seen` has `floor` and `lithe`, and the peers that are there."""
+    """All figures of one workload; `seen` has `floor`, `writing` and `lithe`, and the peers that are there."""
     floor, lithe = seen["floor"], seen["lithe"]
     both, own = np.concatenate(floor + lithe), np.concatenate(lithe)
     told = ratio_figures(f"r999_floor_{name}", calm(lithe), calm(floor))
     told |= difference_figures(f"late_{name}", calm(lithe), calm(floor))
+    work = {program: [of_work(each) for each in seen[program]] for program in ("writing", "lithe")}
+    told |= ratio_figures(f"r999_work_{name}", *(calm(work[each]) for each in ("lithe", "writing")))
+    told |= difference_figures(f"work_{name}", *(calm(work[each]) for each in ("lithe", "writing")))
+    for program, rounds in work.items():
+        key = f"work_{program}_{name}"
+        told |= quantiles(key, calm(rounds)) | share_figures(key, calm(rounds)) | cause_figures(key, rounds)
     told |= {
         f"r999_raw_floor_{name}": ratio(raw(lithe), raw(floor)),
         f"steal_share_{name}": float(np.mean(stolen(both))),
@@ -188,9 +205,9 @@ def workload_figures(name: str, seen: dict[str, Rounds]) -> Figures:
     for program, rounds in seen.items():
         told |= quantiles(f"{program}_{name}", calm(rounds)) | quantiles(f"{program}_raw_{name}", raw(rounds))
         told |= share_figures(f"{program}_{name}", calm(rounds))
-        if program in ("floor", "lithe"):
+        if program in ("floor", "writing", "lithe"):
             told |= cause_figures(f"{program}_{name}", rounds)
-        else:
+        if program in ("writing", *PEERS):
             told |= ratio_figures(f"r999_{program}_{name}", calm(lithe), calm(rounds))
             told |= {f"r999_raw_{program}_{name}": ratio(raw(lithe), raw(rounds))}
             told |= {f"cycles_{program}_{name}": sum(map(len, rounds))}

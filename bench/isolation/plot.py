@@ -16,8 +16,8 @@ from bench.tables import Figures
 PAPER_HANDOFF_US = 98.299  # the worst of the paper, under stress-ng, on its Raspberry Pi
 PAPER_JITTER_US = 3.110
 WORDS = {
-    "floor": "bare spin (floor)", "lithe": "LITHE", "cyclictest": "cyclictest", "plain_loop": "clock_nanosleep loop",
-    "moteus_loop": "moteus, asyncio",
+    "floor": "bare spin (floor)", "writing": "spin that writes as a tick does", "lithe": "LITHE",
+    "cyclictest": "cyclictest", "plain_loop": "clock_nanosleep loop", "moteus_loop": "moteus, asyncio",
 }  # fmt: skip
 
 
@@ -27,7 +27,7 @@ def draw(seen: dict[str, dict[str, Rounds]], told: Figures, path: Path) -> None:
     from matplotlib import pyplot as plt
 
     colours = dict(zip(("stress", "numpy", "compile", "swap", "idle"), (RED, BLUE, ORANGE, GREEN, GREY), strict=True))
-    programs = dict(zip(WORDS, (GREY, BLUE, RED, ORANGE, GREEN), strict=True))
+    programs = dict(zip(WORDS, (GREY, INK, BLUE, RED, ORANGE, GREEN), strict=True))
     with plt.rc_context(STYLE):
         figure = plt.figure(figsize=(11, 6.6), layout="constrained")
         above, below = figure.subfigures(2, 1)

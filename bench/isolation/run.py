@@ -37,6 +37,7 @@ from bench.isolation.figures import (
     FLOOR,
     LITHE,
     PEERS,
+    WRITING,
     Rounds,
     calm,
     kernel_share,
@@ -50,7 +51,7 @@ from bench.swap.run import plain
 from bench.tables import Figures
 
 SECONDS = 60.0  # of LITHE in each workload
-PAIRS = 5  # in a round: 500 ms of the floor and 500 ms of LITHE each
+PAIRS = 5  # in a round: 500 ms of each floor and 500 ms of LITHE
 CONTROL_BLOCKS = 6
 RESULTS = ("isolation.json", "isolation.png", "isolation.html")
 SHIELDED = "LITHE_BENCH_SHIELDED"
@@ -69,7 +70,7 @@ class Plan:
 
     def most_s(self) -> float:
         """No load runs longer than this."""
-        return 120.0 + 3 * self.rounds * (self.pairs + len(PEERS) * (self.peer_s + 1))
+        return 120.0 + 3 * self.rounds * (1.5 * self.pairs + len(PEERS) * (self.peer_s + 1))
 
 
 def plan_of(asked: argparse.Namespace) -> Plan:
@@ -100,9 +101,9 @@ def free_cores(all_cores: list[int], spine: int, partner: int) -> list[int]:
 
 
 def one_round(subject: Subject, peers: Peers, plan: Plan, seen: dict[str, Rounds]) -> None:
-    """The floor and LITHE in turns, then each peer."""
-    records = subject.run("pairs", plan.pairs, plan.pairs)
-    for program, number in (("floor", FLOOR), ("lithe", LITHE)):
+    """The floors and LITHE in turns, then each peer."""
+    records = subject.run("pairs", plan.pairs, 1.5 * plan.pairs)
+    for program, number in (("floor", FLOOR), ("writing", WRITING), ("lithe", LITHE)):
         seen.setdefault(program, []).append(records[records["program"] == number])
     for peer in PEERS:
         block = peers.records(peer, plan.peer_s)

@@ -4,7 +4,7 @@
 //   bench_isolation RECORDS_FILE
 //
 // Reads lines `VERB NUMBER`, appends a Record of each release to RECORDS_FILE, answers {"records": N, "offers": N}:
-//   pairs N        N times 500 ms of a bare spin (the floor) and 500 ms of LITHE
+//   pairs N        N times 500 ms of a bare spin (the floor), of one that writes what a tick writes, and of LITHE
 //   control N      N times 500 ms of LITHE with another busy thread on its core: the negative control
 //   cyclictest S   cyclictest on the same core for S seconds
 //   swaps 0|1      from now on, a law is offered every 20 ms, or none
@@ -27,15 +27,15 @@ namespace {
 constexpr std::int64_t kBlockNs = 500 * kNsPerMs;
 
 // bench/isolation/figures.py reads these bytes.
-enum class Program : std::uint8_t { floor, lithe, control, cyclictest };
+enum class Program : std::uint8_t { floor, lithe, control, cyclictest, writing };
 struct Record {
-  std::int64_t late_ns, stolen_ns, handoff_ns, release_ns;
+  std::int64_t late_ns, stolen_ns, handoff_ns, release_ns, work_ns, page_ns;
   std::uint16_t switches, sleeps;
   Program program;
   bool missed;
-  std::uint16_t told;  // what made it late: kOurs, or what a reader of the kernel's trace adds
+  std::uint16_t told;  // what made it late: kPage, kOurs, or what a reader of the kernel's trace adds
 };
-constexpr std::uint16_t kOurs = 6;  // 1 and the index of "ours" in CAUSES there
+constexpr std::uint16_t kPage = 6, kOurs = 7;  // 1 and the index in CAUSES there
 
 // robots/arm.toml, with longer time-outs: a machine that stalls must not make the guard stop the arm in every block.
 robot::RobotConfig patient_arm() {
@@ -70,21 +70,27 @@ class Subject {
                           each.stolen_ns,
                           each.handoff_ns,
                           each.release_ns,
+                          each.work_ns,
+                          each.page_ns,
                           static_cast<std::uint16_t>(each.switches),
                           static_cast<std::uint16_t>(each.sleeps),
                           program,
                           each.missed,
-                          each.own ? kOurs : std::uint16_t{0}};
+                          each.paged ? kPage
+                          : each.own ? kOurs
+                                     : std::uint16_t{0}};
       written_ += std::fwrite(&record, sizeof record, 1, file_);
     }
   }
   void pairs(int count) {
-    std::vector<Cycle> floor, lithe;
+    std::vector<Cycle> floor, writing, lithe;
     for (int i = 0; i < count; ++i) {
       rig_.run_bare_block(kBlockNs, floor);
+      rig_.run_writing_block(kBlockNs, writing);
       rig_.run_block(kBlockNs, lithe);
     }
     write(Program::floor, floor);
+    write(Program::writing, writing);
     write(Program::lithe, lithe);
   }
   void control(int blocks) {

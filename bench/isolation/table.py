@@ -40,10 +40,26 @@ def over(told: Figures, key: str) -> str:
 
 
 def ratios(told: Figures) -> None:
-    """The claims: p99.9 over the floor and over each peer."""
-    names = {"floor": "the floor", **{peer: WORDS[peer] for peer in PEERS}}
+    """The claims: p99.9 over the floors and over each peer."""
+    names = {"floor": "the floor", "writing": "the spin that writes", **{peer: WORDS[peer] for peer in PEERS}}
     rows = [[name, *(over(told, f"r999_{each}_{name}") for each in names)] for name in measured(told)]
     table("p99.9 of LITHE's release jitter, steal-aware, over that of (95 % interval)", ["", *names.values()], rows)
+
+
+def by_cause(told: Figures, name: str, program: str, floor: str) -> str:
+    """How many cycles of a program, and of the floor beside it, were above 20 us, by cause."""
+    counts = {each: [told[f"{who}_{name}_over_20us_{each}"] for who in (program, floor)] for each in CAUSES}
+    return ", ".join(f"{each} {ours} ({floors})" for each, (ours, floors) in counts.items() if ours or floors) or "none"
+
+
+def work(told: Figures) -> None:
+    """How long a tick works, beside a spin that only writes what a tick writes."""
+    rows = []
+    for name in measured(told):
+        for program, words in (("writing", "the spin that writes"), ("lithe", "LITHE")):
+            row = quantile_row(f"{name}, {words}", told, f"work_{program}_{name}")
+            rows.append([*row, over(told, f"r999_work_{name}") if program == "lithe" else ""])
+    table("work of a tick, from wake-up to its end, steal-aware [us]", [*HEAD, "p99.9, LITHE's over the spin's"], rows)
 
 
 def shares(told: Figures, name: str) -> None:
@@ -61,21 +77,17 @@ def shares(told: Figures, name: str) -> None:
             rows.append([*quantile_row(words, told, f"{program}_{name}"), *late])
     head = [*HEAD, *(f"> {limit_us} us" for limit_us in LIMITS_US)]
     table("release jitter, steal-aware [us], and shares of cycles later than", head, rows)
-    of_lithe, of_floor, missed = (
-        {each: told[key.format(name, each)] for each in CAUSES}
-        for key in ("lithe_{}_over_20us_{}", "floor_{}_over_20us_{}", "missed_deadlines_{}_{}")
-    )
-    of_both = ", ".join(
-        f"{each} {of_lithe[each]} ({of_floor[each]})" for each in CAUSES if of_lithe[each] or of_floor[each]
-    )
+    missed = {each: told[f"missed_deadlines_{name}_{each}"] for each in CAUSES}
     of_missed = ", ".join(f"{each} {count}" for each, count in missed.items() if count)
     print(f"  LITHE: {told[f'cycles_{name}']} cycles, stolen {cell(told, f'steal_share_{name}', '.2%')} (", end="")
     print(f"{cell(told, f'steal_share_kernel_{name}', '.2%')} of the core's time, as the kernel counts), ", end="")
     print(f"preempted {cell(told, f'preempted_share_{name}', '.2%')}")
-    print(f"  cycles above 20 us of LITHE (of the floor) by cause: {of_both or 'none'}; ", end="")
+    print(f"  cycles above 20 us of LITHE (of the floor) by cause: {by_cause(told, name, 'lithe', 'floor')}; ", end="")
     print(
         f"missed deadlines: {told[f'missed_deadlines_{name}']} ({of_missed or 'none'}); causes by {told['attribution']}"
     )
+    print("  work above 20 us of LITHE (of the spin that writes) by cause: ", end="")
+    print(by_cause(told, name, "work_lithe", "work_writing"))
 
 
 def show(told: Figures) -> None:
@@ -85,6 +97,7 @@ def show(told: Figures) -> None:
     ratios(told)
     for name in measured(told):
         shares(told, name)
+    work(told)
     rows = [quantile_row(name, told, f"handoff_{name}") for name in measured(told)]
     table(f"hand-off time of LITHE [us]; the paper's worst is {PAPER_HANDOFF_US:.1f}", HEAD, rows)
     each_us: list[Any] = [told.get(f"lithe_{name}_max_us") for name in measured(told)]
@@ -132,7 +145,7 @@ def compare(one: Figures, other: Figures) -> str:
     for name in WORKLOADS:
         words = [f"load_{name}", *(f"cycles_{each}{name}" for each in ("", *(f"{peer}_" for peer in PEERS)))]
         rows += [[key, str(one.get(key)), str(other.get(key)), ""] for key in words if key in one or key in other]
-        keys = [f"r999_{each}_{name}" for each in ("floor", *PEERS)]
+        keys = [f"r999_{each}_{name}" for each in ("floor", "writing", "work", *PEERS)]
         keys += [f"{each}_{name}_p999_us" for each in ("floor", "lithe", "handoff", *PEERS)]
         shares = ("missed_deadlines_share", "steal_share", "steal_share_kernel", "preempted_share")
         for key in (*keys, *(f"{each}_{name}" for each in shares)):

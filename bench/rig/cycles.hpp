@@ -24,8 +24,11 @@ struct Cycle {
   std::int64_t handoff_ns = kUnknownNs;  // wake-up to hand-over of the command; bare and skipped cycles have none
   std::int64_t cost_ns = kUnknownNs;     // the whole tick without its law; likewise
   std::int64_t bus_ns = kUnknownNs;      // the exchange that brought the tick's sample; likewise
+  std::int64_t work_ns = kUnknownNs;     // from wake-up to the end of what is done at a release; skipped ones have none
+  std::int64_t page_ns = 0;              // of it: a touch of the pages that the telemetry record is written to
   std::int64_t release_ns = 0;           // when it was due, CLOCK_MONOTONIC
   bool own = false;                      // due while the tick before it ran: see delayed()
+  bool paged = false;                    // own, and that tick spent most of the delay with its pages
   bool missed = false;                   // as in docs/rt.md: no tick ran, or it ended after the next release
 
   // The hypervisor had the core: time is missing, no other thread of this machine ran instead, this one never slept.
@@ -38,11 +41,12 @@ inline std::int64_t spine_period_ns(double rate_hz) { return static_cast<std::in
 // neither another task nor the hypervisor explains the delay.
 inline Cycle delayed(const Cycle& ran, std::int64_t ended_ns, std::int64_t at_ns) {
   Cycle cycle = ran;
-  cycle.handoff_ns = cycle.cost_ns = cycle.bus_ns = kUnknownNs;
+  cycle.handoff_ns = cycle.cost_ns = cycle.bus_ns = cycle.work_ns = kUnknownNs;
   cycle.release_ns = at_ns;
   cycle.late_ns = ended_ns - at_ns;
   const bool in_the_tick = at_ns > ran.release_ns + ran.late_ns && at_ns <= ended_ns;
   cycle.own = in_the_tick && cycle.switches == 0 && !cycle.stolen();
+  cycle.paged = cycle.own && cycle.page_ns > cycle.late_ns / 2;
   return cycle;
 }
 
@@ -56,13 +60,14 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
   grid.start(clock.now_ns());
   const std::size_t first = cycles.size();
   ThreadToll before = thread_toll();
-  bool own = false;
+  Cycle waited;  // what delayed() said of this release
   for (std::uint32_t skipped = 0; more(grid.release_ns());) {
     const std::int64_t release_ns = grid.release_ns();
     const std::int64_t woke_ns =
         wait != nullptr ? wait->until(clock.raw(), release_ns) : loop::wait_spinning(clock.raw(), release_ns);
     Cycle cycle;
     body(release_ns, woke_ns, skipped, cycle, cycles.size() == first ? nullptr : &cycles.back());
+    cycle.work_ns = clock.now_ns() - woke_ns;
     const ThreadToll after = thread_toll();
     cycle.late_ns = woke_ns - release_ns;
     cycle.release_ns = release_ns;
@@ -70,7 +75,8 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
     cycle.switches = after.involuntary_switches - before.involuntary_switches;
     cycle.sleeps = after.voluntary_switches - before.voluntary_switches;
     cycle.faults = after.minor_faults - before.minor_faults;
-    cycle.own = own;
+    cycle.own = waited.own;
+    cycle.paged = waited.paged;
     before = after;
     clock.follow();
     const std::int64_t now_ns = clock.now_ns();
@@ -78,7 +84,7 @@ void run_while(loop::SteeredClock& clock, std::int64_t period_ns, std::int64_t p
     cycle.missed = now_ns > release_ns + period_ns;
     for (std::uint32_t i = skipped; i > 0; --i)
       cycles.push_back(delayed(cycle, now_ns, grid.release_ns() - i * period_ns));
-    own = delayed(cycle, now_ns, grid.release_ns()).own;
+    waited = delayed(cycle, now_ns, grid.release_ns());
     cycles.push_back(cycle);  // last, because the next tick adds figures to this one
   }
 }

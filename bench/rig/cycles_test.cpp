@@ -3,14 +3,18 @@
 #include "bench/rig/cycles.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/mman.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <memory>
+#include <span>
 #include <thread>
+#include <utility>
 #include <vector>
 
+#include "bench/rig/pages.hpp"
 #include "bench/rig/samples.hpp"
 
 namespace lithe::bench {
@@ -92,6 +96,55 @@ TEST(Cycles, ADelayIsTheTicksOwnOnlyIfNothingElseExplainsIt) {
   EXPECT_FALSE(own(3'000'000)) << "another task ran";
   EXPECT_EQ(delayed(tick, 3'500'000, 3'000'000).late_ns, 500'000);
   EXPECT_EQ(delayed(tick, 3'500'000, 3'000'000).handoff_ns, kUnknownNs);
+}
+
+// Of cycles that took longer than 20 us: how many there are, and in how many the touch of the pages took most of it.
+// In each, either the kernel has taken the pages away before, or the loop burns 100 us after it has touched them.
+std::pair<int, int> long_and_paged(bool taken_away) {
+  constexpr std::size_t kBytes = 128 * 4096;
+  void* const memory = ::mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  ::madvise(memory, kBytes, MADV_NOHUGEPAGE);
+  const std::span words(static_cast<std::uint64_t*>(memory), kBytes / sizeof(std::uint64_t));
+  auto clock_memory = std::make_unique<loop::ClockMemory>();
+  loop::start_clock(*clock_memory);
+  loop::SteeredClock clock(*clock_memory);
+  touch_ns(clock, words);
+  std::vector<Cycle> cycles;
+  run_block(clock, kNsPerMs / 2, 0, 300 * kNsPerMs, cycles,
+            [&](std::int64_t, std::int64_t, std::uint32_t, Cycle& cycle, Cycle*) {
+              if (taken_away) ::madvise(memory, kBytes, MADV_DONTNEED);
+              cycle.page_ns = touch_ns(clock, words);
+              if (!taken_away) loop::wait_spinning(clock.raw(), clock.now_ns() + 100'000);
+            });
+  ::munmap(memory, kBytes);
+  int are_long = 0, paged = 0;
+  for (const Cycle& each : cycles) {
+    if (each.switches > 0 || each.stolen() || each.work_ns <= 20'000) continue;
+    ++are_long;
+    paged += each.page_ns > each.work_ns / 2 ? 1 : 0;
+  }
+  return {are_long, paged};
+}
+
+TEST(Cycles, TimeThatAPageCostIsToldFromTimeThatTheLoopBurns) {
+  const auto [taken, of_taken] = long_and_paged(true);
+  const auto [burned, of_burned] = long_and_paged(false);
+  if (taken < 20 || burned < 20) GTEST_SKIP() << "something else had this core in most of the cycles";
+  EXPECT_GT(of_taken, taken / 2) << "128 pages that had to be made again";
+  EXPECT_LT(of_burned, burned / 2) << "the same pages, which were there";
+}
+
+TEST(Cycles, ADelayIsThePagesOnlyIfTheTickSpentMostOfItWithThem) {
+  Cycle tick;
+  tick.release_ns = 1'000'000;
+  tick.late_ns = 400'000;
+  tick.page_ns = 240'000;
+  EXPECT_FALSE(delayed(tick, 3'500'000, 3'000'000).paged) << "late by 500 us";
+  tick.page_ns = 260'000;
+  EXPECT_TRUE(delayed(tick, 3'500'000, 3'000'000).paged);
+  EXPECT_FALSE(delayed(tick, 3'500'000, 1'400'000).paged) << "due before the tick began";
+  tick.switches = 1;
+  EXPECT_FALSE(delayed(tick, 3'500'000, 3'000'000).paged) << "another task ran";
 }
 
 TEST(Cycles, OnlyTimeTakenWithoutASwitchIsTheHypervisors) {

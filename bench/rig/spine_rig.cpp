@@ -3,8 +3,10 @@
 
 #include <cmath>
 #include <ctime>
+#include <span>
 #include <utility>
 
+#include "bench/rig/pages.hpp"
 #include "spine/core/host/realtime.hpp"
 #include "spine/hal/sim/simulate.hpp"
 #include "spine/loop/transport.hpp"
@@ -16,6 +18,7 @@ namespace lithe::bench {
 namespace {
 
 constexpr std::int64_t kPlanIntervalNs = 20 * kNsPerMs;
+constexpr std::uint64_t kStateTicks = 10;  // at 1 kHz a tick publishes its law's State this often
 
 // The next 320 ms of a 0.5 Hz sine on every joint.
 void fill_plan(wire::Plan& plan, std::uint32_t joints, std::int64_t now_ns) {
@@ -31,6 +34,13 @@ void fill_plan(wire::Plan& plan, std::uint32_t joints, std::int64_t now_ns) {
       plan.velocity_rad_s[w * kMaxJoints + j] = std::nan("");
     }
   }
+}
+
+// The words of the telemetry record that is written next.
+std::span<std::uint64_t> next_record(ipc::SpineMemory& memory) {
+  const std::uint64_t count = ipc::load_word(memory.telemetry.head, std::memory_order_relaxed);
+  auto& slot = memory.telemetry.slots[count % memory.telemetry.slots.size()];
+  return {reinterpret_cast<std::uint64_t*>(&slot), sizeof slot / sizeof(std::uint64_t)};
 }
 
 }  // namespace
@@ -52,6 +62,8 @@ SpineRig::SpineRig(robot::RobotConfig config, Cores cores, bool transport_inline
   const loop::Wiring wiring{config_,    *memory_,   *control_, *brain_, slot_,
                             **sandbox_, &*barrier_, handover_, *clock_, transport_inline ? actuators_.get() : nullptr};
   spine_ = std::make_unique<loop::Spine>(wiring);
+  law::reset_resident(*written_law_, lithe_law);
+  writer_.emplace(*written_, static_cast<std::uint32_t>(config_.joints.size()));
   if (!transport_inline) transport_ = on_core(cores.partner, [this] { serve_buses(); });
   brain_thread_ = on_core(cores.partner, [this] { publish_plans(); });
 }
@@ -128,11 +140,14 @@ void SpineRig::tick_block(std::int64_t block_ns, std::vector<Cycle>& cycles) {
   bench::run_block(
       clock, period_ns, config_.spine.phase_ns, block_ns, cycles,
       [&](std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t skipped, Cycle& cycle, Cycle* before) {
+        cycle.page_ns = touch_ns(clock, next_record(*memory_));
         spine_->tick(release_ns, woke_ns, skipped);
         spine_->serve_inline();
         const std::uint32_t law_before_ns = record.law_ns;
         telemetry.latest(record);
         cycle.handoff_ns = record.handoff_ns;
+        // Inline, a hand-off is that of the tick before, which would have touched these pages itself.
+        if (!transport_.joinable() && before != nullptr) cycle.handoff_ns += before->page_ns;
         cycle.bus_ns = record.bus_ns;
         // tick_ns is that of the tick before: the record is written before its own tick ends.
         if (before != nullptr) before->cost_ns = std::int64_t{record.tick_ns} - law_before_ns;
@@ -143,6 +158,18 @@ void SpineRig::run_bare_block(std::int64_t block_ns, std::vector<Cycle>& cycles)
   loop::SteeredClock clock(*clock_);
   bench::run_block(clock, spine_period_ns(config_.rate_hz), config_.spine.phase_ns, block_ns, cycles,
                    [](std::int64_t, std::int64_t, std::uint32_t, Cycle&, Cycle*) {});
+}
+
+void SpineRig::run_writing_block(std::int64_t block_ns, std::vector<Cycle>& cycles) {
+  loop::SteeredClock clock(*clock_);
+  std::uint64_t& tick = writer_->record().tick;
+  bench::run_block(clock, spine_period_ns(config_.rate_hz), config_.spine.phase_ns, block_ns, cycles,
+                   [&](std::int64_t release_ns, std::int64_t woke_ns, std::uint32_t, Cycle& cycle, Cycle*) {
+                     cycle.page_ns = touch_ns(clock, next_record(*written_));
+                     writer_->heartbeat(woke_ns);
+                     writer_->publish({.release_jitter_ns = woke_ns - release_ns}, true);
+                     if (++tick % kStateTicks == 0) writer_->state(*written_law_);
+                   });
 }
 
 }  // namespace lithe::bench

@@ -21,6 +21,7 @@
 #include "spine/law/slot.hpp"
 #include "spine/loop/clock.hpp"
 #include "spine/loop/handover.hpp"
+#include "spine/loop/publish.hpp"
 #include "spine/loop/spine.hpp"
 #include "spine/robot/config.hpp"
 
@@ -43,6 +44,9 @@ class SpineRig {
 
   // Waits like the Spine, but does nothing: the floor.
   void run_bare_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
+
+  // Waits like the Spine, and writes what its tick writes into shared memory, but computes nothing: the second floor.
+  void run_writing_block(std::int64_t block_ns, std::vector<Cycle>& cycles);
 
   // While `on`, the Brain's thread offers another copy of the law with every plan, and the tick commits it.
   // Contract: any thread
@@ -73,6 +77,9 @@ class SpineRig {
   loop::Handover handover_;
   std::unique_ptr<hal::Actuators> actuators_;
   std::unique_ptr<loop::Spine> spine_;
+  std::unique_ptr<ipc::SpineMemory> written_ = std::make_unique<ipc::SpineMemory>();  // by run_writing_block()
+  std::unique_ptr<law::Resident> written_law_ = std::make_unique<law::Resident>();    // its State, too
+  std::optional<loop::Publisher> writer_;
   std::atomic<bool> stop_{false}, swapping_{false};
   std::atomic<std::uint64_t> offers_{0};
   std::thread transport_, brain_thread_;

@@ -197,7 +197,7 @@ def test_releases_are_attributed_by_what_the_kernel_counted(figures: ModuleType)
     rounds = [records(figures, [200.0], stolen_us=150), records(figures, [200.0], 1, 150), records(figures, [200.0])]
     assert [figures.CAUSES[figures.cause(each)[0]] for each in rounds] == ["hypervisor", "other_task", "unknown"]
     told = figures.cause_figures("lithe", rounds)
-    assert [told[f"lithe_over_100us_{name}"] for name in figures.CAUSES] == [1, 0, 0, 0, 1, 0, 1]
+    assert [told[f"lithe_over_100us_{name}"] for name in figures.CAUSES] == [1, 0, 0, 0, 1, 0, 0, 1]
     assert [len(each) for each in figures.calm(rounds)] == [0, 1, 1], "what the hypervisor took is left out"
     assert not figures.stolen(records(figures, [1.0], stolen_us=4.9))[0], "smaller than the cost of asking"
     rounds[0]["sleeps"] = 1
@@ -221,7 +221,7 @@ def workload(figures: ModuleType, late_us: float = 0.5) -> dict[str, Any]:
     rng = np.random.default_rng(3)
     spine = [records(figures, rng.random(500) * late_us) for _ in range(9)]
     peer = [figures.peer_records((rng.random(500) * 90_000).astype(int), 0) for _ in range(9)]
-    return {"floor": spine, "lithe": spine, "cyclictest": peer, "plain_loop": peer}
+    return {"floor": spine, "writing": spine, "lithe": spine, "cyclictest": peer, "plain_loop": peer}
 
 
 def result(figures: ModuleType, verdict: ModuleType, late_us: float = 0.5) -> dict[str, Any]:
@@ -255,6 +255,26 @@ def test_what_has_no_tick_or_one_that_ends_late_is_a_missed_deadline_with_a_caus
     assert told["handoff_idle_p50_us"] == 10.0 and told["preempted_share_idle"] == pytest.approx(4 / 4008)
 
 
+def test_time_with_pages_is_told_from_time_that_a_tick_burns(figures: ModuleType, table: ModuleType) -> None:
+    spun = workload(figures)
+    burns, paged, halfway = (records(figures, [0.5] * 9) for _ in range(3))
+    for made, page_us in ((burns, 3), (paged, 90), (halfway, 50)):
+        made["work_ns"], made["page_ns"] = 100_000, page_us * 1000
+    paged["switches"][0], paged["stolen_ns"][1], paged["work_ns"][2] = 1, 60_000, -1
+    told = figures.workload_figures("idle", spun | {"lithe": [burns, paged, halfway, *spun["lithe"][3:]]})
+    causes = {each: told[f"work_lithe_idle_over_20us_{each}"] for each in figures.CAUSES}
+    assert {each: count for each, count in causes.items() if count} == {
+        "ours": 18, "page": 6, "other_task": 1, "hypervisor": 1
+    }  # fmt: skip
+    assert told["work_writing_idle_p999_us"] == 8.0 and told["r999_work_idle"] == pytest.approx(100 / 8)
+    assert not any(told[f"lithe_idle_over_20us_{each}"] for each in figures.CAUSES), "no release was late"
+    words = table.by_cause(told, "idle", "work_lithe", "work_writing")
+    assert words == "hypervisor 1 (0), other_task 1 (0), page 6 (0), ours 18 (0)"
+    paged["missed"] = burns["missed"] = 1
+    assert figures.CAUSES[figures.missed_cause(paged)[5]] == "page"
+    assert figures.CAUSES[figures.missed_cause(burns)[5]] == "ours"
+
+
 def test_the_causes_of_late_cycles_are_told_beside_the_floors(
     figures: ModuleType, verdict: ModuleType, table: ModuleType
 ) -> None:
@@ -272,7 +292,7 @@ def test_every_figure_that_the_issue_names_is_there(figures: ModuleType, verdict
     for name in NAMES:
         assert math.isnan(told[f"r999_moteus_loop_{name}"]), "absent, so null in the file"
         assert told[f"cycles_{name}"] == told[f"cycles_cyclictest_{name}"] == told[f"cycles_plain_loop_{name}"] == 4500
-        for program in ("floor", "cyclictest", "plain_loop"):
+        for program in ("floor", "writing", "work", "cyclictest", "plain_loop"):
             assert told[f"r999_{program}_{name}"] > 0
         for key in ("steal_share", "preempted_share", "missed_deadlines", "late", "handoff"):
             assert any(each.startswith(f"{key}_{name}") for each in told), key
@@ -338,7 +358,7 @@ def test_a_figure_and_a_page_with_everything_inside(
     plot.page(told, "a < b", '{"tier": "D"}', tmp_path / "f.png", tmp_path / "f.html")
     page = (tmp_path / "f.html").read_text()
     taken = [records(figures, [50.0] * 9, stolen_us=60) for _ in range(9)]
-    stolen = {"floor": taken, "lithe": taken}
+    stolen = {"floor": taken, "writing": taken, "lithe": taken}
     plot.draw({"idle": stolen}, told, tmp_path / "stolen.png")
     told |= {key: plain(value) for key, value in figures.workload_figures("idle", stolen).items()}
     assert "idle" in table.text(told)
