@@ -20,7 +20,7 @@ NS = 16
 NIN = 16
 NF = 32
 NSTATE = 4096
-LAYOUT_HASH = 0xB977D36C305CA079
+LAYOUT_HASH = 0x9C46026E67EBF03E
 
 
 class Mode(IntEnum):
@@ -66,6 +66,11 @@ class PlanState(IntEnum):
     track = 1
     coast = 2
     hold = 3
+
+
+class Interpolation(IntEnum):
+    cubic = 0
+    hold = 1
 
 
 class PlanReject(IntEnum):
@@ -324,6 +329,7 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("setpoint_acceleration_rad_s2", "<f8", (32,), 3616),
         ("input", "<f8", (16,), 3872),
         ("input_age_ns", "<i8", (), 4000),
+        ("setpoint_age_ns", "<i8", (), 4008),
     ],
     "Event": [
         ("t_ns", "<i8", (), 0),
@@ -339,7 +345,7 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
         ("waypoint_count", "<u4", (), 8),
         ("joint_count", "<u4", (), 12),
         ("streaming", "<u4", (), 16),
-        ("pad0", "u1", (4,), 20),
+        ("interpolation", "<u4", (), 20),
         ("t_ns", "<i8", (16,), 24),
         ("position_rad", "<f8", (16, 32), 152),
         ("velocity_rad_s", "<f8", (16, 32), 4248),
@@ -501,7 +507,7 @@ DTYPES: dict[str, list[tuple[str, str, tuple[int, ...], int]]] = {
 }
 SIZES = {
     "SegmentHeader": 88,
-    "Telemetry": 4008,
+    "Telemetry": 4016,
     "Event": 136,
     "Plan": 8344,
     "Inputs": 136,
@@ -625,6 +631,7 @@ CANONICAL_SCHEMA = (
     "Telemetry.setpoint_acceleration_rad_s2:float64[32]:3616:256:rad/s^2\n"
     "Telemetry.input:float64[16]:3872:128:1\n"
     "Telemetry.input_age_ns:int64[1]:4000:8:ns\n"
+    "Telemetry.setpoint_age_ns:int64[1]:4008:8:ns\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -636,7 +643,7 @@ CANONICAL_SCHEMA = (
     "Plan.waypoint_count:uint32[1]:8:4:-\n"
     "Plan.joint_count:uint32[1]:12:4:-\n"
     "Plan.streaming:uint32[1]:16:4:-\n"
-    "Plan.pad0:uint8[4]:20:4:-\n"
+    "Plan.interpolation:uint32[1]:20:4:-\n"
     "Plan.t_ns:int64[16]:24:128:ns\n"
     "Plan.position_rad:float64[512]:152:4096:rad\n"
     "Plan.velocity_rad_s:float64[512]:4248:4096:rad/s\n"

@@ -27,7 +27,8 @@ _NEXT = {
     PlanReject.not_finite: "look for a division by 0 or a missing value in the plan: numpy.isfinite()",
     PlanReject.time_order: "sort the waypoints by time; no two may have the same time",
     PlanReject.too_far: "publish at most the next 10 s, and the rest later",
-    PlanReject.too_old: "plan ahead: the last waypoint after time.monotonic_ns(), the first at most 10 s before it",
+    PlanReject.too_old: "plan ahead: the last waypoint after time.monotonic_ns(), the first at most 10 s before it; "
+    "with interpolation hold the last may be as old as [brain] stale_after_s",
     PlanReject.position_limit: "keep every waypoint within the joint's limits: robot.spine.info['position_max_rad']",
 }
 _NEXT_IN_MODE = {

@@ -121,12 +121,19 @@ class Robot:
         position_rad: npt.ArrayLike,
         velocity_rad_s: npt.ArrayLike | None = None,
         streaming: bool = True,
+        interpolation: str = "cubic",
     ) -> int:
         """Publishes up to 16 waypoints at absolute times, and a heartbeat; returns the plan's id.
 
         t_ns (n,) in CLOCK_MONOTONIC ns, strictly ascending; position_rad (n, joints), or (n,) for one joint;
         velocity_rad_s likewise, None = the Spine chooses. streaming: more plans will follow, so the last waypoint is
-        passed without a stop. Arrays of wrong shapes raise BadPlan. When the Spine refuses a plan (a limit, a time long
+        passed without a stop. Arrays of wrong shapes raise BadPlan.
+
+        interpolation "hold" (zero-order hold, for policies and teleoperation): the setpoint steps to each waypoint at
+        its time and stays there, with velocity_rad_s, else 0. A time that has passed steps at once: publish([now_ns],
+        [target_rad], interpolation="hold"). Steps may be of any size within the position limits.
+
+        When the Spine refuses a plan (a limit, a time long
         past), it continues the plan before; decided() says so.
         """
         position = np.asarray(position_rad, dtype=np.float64)
@@ -136,7 +143,7 @@ class Robot:
             velocity = velocity[:, None] if velocity is not None and velocity.ndim == 1 else velocity
         with self._lock:
             writer = self._check()
-            writer.publish(self._plan_id + 1, t_ns, position, velocity, streaming)
+            writer.publish(self._plan_id + 1, t_ns, position, velocity, streaming, interpolation)
             self._plan_id += 1
             return self._plan_id
 

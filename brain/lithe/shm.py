@@ -342,8 +342,11 @@ class BrainWriter:
         position_rad: npt.ArrayLike,
         velocity_rad_s: npt.ArrayLike | None = None,
         streaming: bool = True,
+        interpolation: str = "cubic",
     ) -> None:
         """Publishes a horizon: t_ns (n,) CLOCK_MONOTONIC, position_rad (n, joints), velocity likewise or None."""
+        if interpolation not in _wire.Interpolation.__members__:
+            raise BadPlan(f"interpolation is {' or '.join(_wire.Interpolation.__members__)}, not {interpolation!r}")
         times = np.asarray(t_ns, dtype=np.int64)
         positions = np.asarray(position_rad, dtype=np.float64)
         if times.ndim != 1 or positions.ndim != 2 or len(times) != len(positions):
@@ -359,6 +362,7 @@ class BrainWriter:
             plan = self._plan
             plan["plan_id"], plan["waypoint_count"], plan["joint_count"] = plan_id, count, joints
             plan["streaming"] = int(streaming)
+            plan["interpolation"] = _wire.Interpolation[interpolation]
             plan["t_ns"][:count] = times
             plan["position_rad"][:count, :joints] = positions
             plan["velocity_rad_s"] = np.nan

@@ -38,9 +38,8 @@ class Tier(IntEnum):
 
 @dataclass(frozen=True)
 class Verb:
-    """`first`: handled ahead of what only reads. `required`: names of arguments that must be there. `commands`: of the
-    program `lithe`, those that do the same; the one that has the verb's own words is not named. `tier`: who may use it
-    at least; tier_of() has the arguments that need more.
+    """`first`: handled ahead of what only reads. `required`: arguments that must be there. `commands`: of `lithe`,
+    those that do the same, but for the verb's own words. `tier`: who may use it at least, but for what tier_of() says.
     """
 
     name: str
@@ -258,6 +257,7 @@ _VERBS = (
             "position_rad": _WAYPOINTS,
             "velocity_rad_s": _WAYPOINTS,
             "streaming": _flag("more plans follow: the last waypoint is passed, not a rest"),
+            "interpolation": _text("hold: the setpoint steps to each waypoint at its time", enum=["cubic", "hold"]),
         },
         required=("t_ns", "position_rad"),
         first=True,

@@ -50,6 +50,12 @@ class Zigzag {
   bool rising_ = true;
 };
 
+// What a held plan asks of a joint beside the setpoint's velocity.
+struct SetpointSteps {
+  bool now = false;  // it steps in this tick: a turn of the torque is not the law's
+  double rad_s = 0;  // of the steps
+};
+
 // Contract: RT after configure() · owned by one thread · bounded work per joint
 class Tremor {
  public:
@@ -105,16 +111,17 @@ class Tremor {
   }
 
   // Once per tick. `torque_nm`: what the law wants at joint j.
-  void see(const Tick& in, std::uint32_t j, double torque_nm) LITHE_RT {
+  void see(const Tick& in, std::uint32_t j, double torque_nm, const SetpointSteps& steps = {}) LITHE_RT {
     const double error_rad_s = in.velocity_rad_s[j] - in.setpoint_velocity_rad_s[j];
     if (!std::isfinite(torque_nm) || !std::isfinite(error_rad_s)) return;  // checked elsewhere
     Joint& joint = joints_[j];
     const Zigzag::Swing jump = joint.torque.see(torque_nm, kJumpShare * joint.bounds.torque_max_nm);
-    const double turned = jump.ticks > 0 ? 0.5 * rate_hz_ : 0.0;  // two turns make a period
+    const double turned = jump.ticks > 0 && !steps.now ? 0.5 * rate_hz_ : 0.0;  // two turns make a period
     joint.chatter_hz = turned + (joint.chatter_hz - turned) * forget_chatter_;
     if (jump.ticks > 0) joint.jump_nm = jump.size;
 
-    const double asked_rad_s = std::abs(in.setpoint_velocity_rad_s[j]);
+    // A joint that follows steps has all of their speed as its error, there and back.
+    const double asked_rad_s = std::max(std::abs(in.setpoint_velocity_rad_s[j]), 2 * std::abs(steps.rad_s));
     joint.most_asked_rad_s = std::max(asked_rad_s, joint.most_asked_rad_s * forget_);
     joint.most_swing_rad_s *= forget_;
     const double least_rad_s = std::max({kSwingShare * joint.bounds.velocity_max_rad_s,

@@ -97,6 +97,36 @@ TEST(Tremor, AMotionThatWasAskedForIsNoOscillation) {
   EXPECT_EQ(watch(motion).kind, Kind::oscillation) << "only a small part of this motion is in the setpoint";
 }
 
+// A policy of 100 Hz: the torque jumps with each step of the setpoint, and falls until the next.
+TEST(Tremor, TheJumpsOfAHeldSetpointAreNoChatterOfTheLaw) {
+  for (const bool told : {true, false}) {
+    Tremor tremor;
+    tremor.configure(1000, 0, {1.0, 10.0});
+    bool found = false;
+    for (int k = 0; k < 2000; ++k) {
+      tremor.see(Tick{}, 0, 0.5 - 0.05 * (k % 10), {told && k % 10 == 0, 0});
+      found |= tremor.find(1).kind == Kind::chatter;
+    }
+    EXPECT_EQ(found, !told);
+  }
+}
+
+// It moves a joint to and fro at 4 Hz.
+TEST(Tremor, MotionThatStepsAskForIsNoOscillation) {
+  for (const double asked_rad_s : {0.0, 3.0}) {
+    Tremor tremor;
+    tremor.configure(1000, 0, {1.0, 10.0});
+    bool found = false;
+    Tick tick;
+    for (int k = 0; k < 4000; ++k) {
+      tick.velocity_rad_s[0] = 3 * std::sin(kTwoPi * 4 * k * 1e-3);
+      tremor.see(tick, 0, 0, {false, asked_rad_s * 0.7 * std::cos(kTwoPi * 4 * k * 1e-3)});
+      found |= tremor.find(1).kind == Kind::oscillation;
+    }
+    EXPECT_EQ(found, asked_rad_s == 0);
+  }
+}
+
 TEST(Tremor, WhatShookBeforeIsNotTheNewLaws) {
   Tremor tremor;
   tremor.configure(1000, 0, {1.0, 10.0});

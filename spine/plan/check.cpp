@@ -2,6 +2,7 @@
 #include "spine/plan/check.hpp"
 
 #include <cmath>
+#include <limits>
 
 namespace lithe::plan {
 namespace {
@@ -20,14 +21,15 @@ wire::PlanDecision time_refused(PlanReject reason, std::size_t w, double value_s
   return out;
 }
 
-wire::PlanDecision check_times(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT {
+wire::PlanDecision check_times(const wire::Plan& plan, std::int64_t stale_ns, std::int64_t now_ns) LITHE_RT {
   constexpr double kHorizonS = static_cast<double>(kHorizonNs) * 1e-9;
   const std::size_t last = plan.waypoint_count - 1;
   for (std::size_t w = 0; w < last; ++w)
     if (plan.t_ns[w + 1] <= plan.t_ns[w])
       return time_refused(PlanReject::time_order, w + 1, seconds_between(plan.t_ns[w], plan.t_ns[w + 1]), 0);
-  if (plan.t_ns[last] <= now_ns)
-    return time_refused(PlanReject::too_old, last, seconds_between(now_ns, plan.t_ns[last]), 0);
+  if (plan.t_ns[last] <= now_ns - stale_ns)
+    return time_refused(PlanReject::too_old, last, seconds_between(now_ns, plan.t_ns[last]),
+                        seconds_between(stale_ns, 0));
   if (plan.t_ns[0] < now_ns - kHorizonNs)
     return time_refused(PlanReject::too_old, 0, seconds_between(now_ns, plan.t_ns[0]), -kHorizonS);
   if (plan.t_ns[last] > now_ns + kHorizonNs)
@@ -37,6 +39,7 @@ wire::PlanDecision check_times(const wire::Plan& plan, std::int64_t now_ns) LITH
 
 bool within_limits(const wire::Plan& plan, const Limits& limits) LITHE_RT {
   bool inside = true;
+  const double any_way = is_held(plan) ? std::numeric_limits<double>::infinity() : kRounding;
   for (std::size_t w = 0; w < plan.waypoint_count; ++w) {
     const double* position = &plan.position_rad[w * wire::kNj];
     const double* velocity = &plan.velocity_rad_s[w * wire::kNj];
@@ -47,7 +50,7 @@ bool within_limits(const wire::Plan& plan, const Limits& limits) LITHE_RT {
       inside &= position[j] >= limits.joint[j].position_min_rad - kRounding &&
                 position[j] <= limits.joint[j].position_max_rad + kRounding;
       inside &= !(std::abs(velocity[j]) > fastest);
-      inside &= std::abs(position[j] - before[j]) <= fastest * gap_s + kRounding;
+      inside &= std::abs(position[j] - before[j]) <= fastest * gap_s + any_way;
     }
   }
   return inside;
@@ -83,8 +86,8 @@ wire::PlanDecision find_culprit(const wire::Plan& plan, const Limits& limits) LI
     const double most_rad_s = limit.velocity_max_rad_s;
     if (std::abs(rad_s) > most_rad_s * (1 + kRounding))
       return decision(PlanReject::velocity_limit, std::abs(rad_s), most_rad_s);
-    return w == 0 ? decision(PlanReject::none)
-                  : check_way(*rad - *(rad - wire::kNj), plan.t_ns[w] - plan.t_ns[w - 1], most_rad_s);
+    return w == 0 || is_held(plan) ? decision(PlanReject::none)
+                                   : check_way(*rad - *(rad - wire::kNj), plan.t_ns[w] - plan.t_ns[w - 1], most_rad_s);
   };
   wire::PlanDecision found = each(not_finite);
   if (reason_of(found) == PlanReject::none) found = each(outside);
@@ -114,7 +117,8 @@ wire::PlanDecision check(const wire::Plan& plan, const Limits& limits, std::int6
     return decision(PlanReject::count, plan.waypoint_count, static_cast<double>(wire::kNw));
   if (plan.joint_count != limits.joints)
     return decision(PlanReject::joints, plan.joint_count, static_cast<double>(limits.joints));
-  if (const wire::PlanDecision times = check_times(plan, now_ns); reason_of(times) != PlanReject::none) return times;
+  const wire::PlanDecision times = check_times(plan, is_held(plan) ? limits.stale_ns : 0, now_ns);
+  if (reason_of(times) != PlanReject::none) return times;
   // NaN and infinity fail the limits too, so a valid plan is read once; only an invalid one is examined for the reason.
   return within_limits(plan, limits) ? decision(PlanReject::none) : find_culprit(plan, limits);
 }

@@ -21,7 +21,12 @@ struct JointLimits {
 struct Limits {
   std::array<JointLimits, kMaxJoints> joint{};
   std::size_t joints = 0;
+  std::int64_t stale_ns = 0;  // a held waypoint that is older holds on, but counts as stale
 };
+
+inline bool is_held(const wire::Plan& plan) LITHE_RT {
+  return plan.interpolation == static_cast<std::uint32_t>(wire::Interpolation::hold);
+}
 
 // Replaces a plan's values for a stopped joint by rest at `position_rad`. Else they could get the plan refused for the
 // other joints as well.
@@ -53,6 +58,7 @@ wire::PlanDecision check_way(double way_rad, std::int64_t lasts_ns, double most_
 // The first reason not to follow `plan`, or none. Waypoints in the past are fine as long as one is in the future. A
 // waypoint outside the position limits, a given velocity above the limit, or two waypoints that no motion within the
 // velocity limit connects are refused, not corrected: otherwise the Brain would assume a motion that does not happen.
+// The waypoints of a held plan may be any way apart, and all of them in the past, the last by less than stale_ns.
 // Contract: RT · pure · looks only at the waypoints and joints in use
 wire::PlanDecision check(const wire::Plan& plan, const Limits& limits, std::int64_t now_ns) LITHE_RT;
 

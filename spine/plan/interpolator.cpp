@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace lithe::plan {
 namespace {
@@ -22,6 +23,7 @@ double seconds(std::int64_t ns) LITHE_RT { return static_cast<double>(ns) * 1e-9
 void Interpolator::configure(const robot::RobotConfig& robot) {
   *this = Interpolator();
   limits_.joints = std::min(robot.joints.size(), kMaxJoints);
+  limits_.stale_ns = std::llround(1e9 * robot.brain.stale_after_s);
   for (std::size_t j = 0; j < limits_.joints; ++j) {
     const robot::JointConfig& joint = robot.joints[j];
     limits_.joint[j] = {joint.position_min_rad, joint.position_max_rad, joint.velocity_max_rad_s};
@@ -33,6 +35,10 @@ void Interpolator::configure(const robot::RobotConfig& robot) {
 wire::PlanDecision Interpolator::accept(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT {
   const wire::PlanDecision checked = check(plan, limits_, now_ns);
   if (reason_of(checked) != PlanReject::none) return checked;
+  if (is_held(plan)) {
+    hold_plan(plan, now_ns);
+    return checked;
+  }
   Setpoint from;
   JointArray most_rad_s{};
   const bool moving_on = state_ != PlanState::none;
@@ -71,6 +77,7 @@ wire::PlanDecision Interpolator::accept(const wire::Plan& plan, std::int64_t now
     stop_catching_up();
   }
   used_ = 1 - used_;
+  held_ = Held::no;
   plan_id_ = plan.plan_id;
   state_ = PlanState::track;
   if (next.t_ns[0] > now_ns) {
@@ -127,8 +134,14 @@ void Interpolator::lay_knots(const wire::Plan& plan, std::int64_t now_ns, const 
 }
 
 const Setpoint& Interpolator::sample(std::int64_t now_ns) LITHE_RT {
+  fade_steps(now_ns);
   advance(now_ns);
   evaluate(now_ns, setpoint_);
+  if (held_ == Held::on && state_ == PlanState::track) {
+    setpoint_.velocity_rad_s = held_rad_s_;
+    keep_inside(setpoint_);
+  }
+  setpoint_.steps = std::exchange(stepped_, false);
   setpoint_.state = state_;
   return setpoint_;
 }
@@ -141,6 +154,9 @@ void Interpolator::hold_at(const JointArray& position_rad) LITHE_RT {
   }
   blend_.until_ns = 0;
   stop_catching_up();
+  held_ = Held::no;
+  setpoint_.stepped_rad.fill(0.0);
+  setpoint_.step_rad_s.fill(0.0);
   state_ = PlanState::hold;
 }
 
@@ -151,12 +167,15 @@ void Interpolator::stop(std::int64_t now_ns) LITHE_RT {
   evaluate(now_ns, from);
   blend_.until_ns = 0;
   stop_catching_up();
+  held_ = Held::no;
   enter_coast(now_ns, from.position_rad, from.velocity_rad_s);
 }
 
 // Moves on to the segment or state that holds at `now_ns`.
 void Interpolator::advance(std::int64_t now_ns) LITHE_RT {
-  if (state_ == PlanState::track) {
+  if (held_ != Held::no) {
+    advance_held(now_ns);
+  } else if (state_ == PlanState::track) {
     const Knots& k = knots();
     const std::size_t last = k.count - 1;
     if (now_ns >= k.t_ns[last]) {

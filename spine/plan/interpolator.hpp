@@ -20,13 +20,17 @@ struct Setpoint {
   JointArray position_rad{};
   JointArray velocity_rad_s{};
   JointArray acceleration_rad_s2{};
+  // The way of the steps of held plans, which fades in about kStepFadesS, by at most half of the velocity limit: so far
+  // a joint may be from the setpoint without blame for its law. And the mean speed of the steps of the last kStepS.
+  JointArray stepped_rad{}, step_rad_s{};
+  bool steps = false;  // since the sample before
   wire::PlanState state = wire::PlanState::none;
 };
 
-// Position and velocity are continuous through everything: knots, a new plan in flight, the end of a plan. And the
-// setpoint never moves faster than velocity_max_rad_s: a plan whose own curve does is refused. So is one whose first
-// waypoint ahead is further from the present setpoint than that allows, unless it is a stream with three or more
-// waypoints ahead, which may catch up.
+// But for held plans, position and velocity are continuous through everything: knots, a new plan in flight, the end of
+// a plan. And the setpoint never moves faster than velocity_max_rad_s: a plan whose own curve does is refused. So is
+// one whose first waypoint ahead is further from the present setpoint than that allows, unless it is a stream with
+// three or more waypoints ahead, which may catch up.
 //   track  a cubic per segment through the waypoints (knots.hpp); velocities the plan gives are used exactly.
 //   coast  the plan ran out while moving: each joint slows down by its deceleration, harder only where its limit is
 //          near.
@@ -38,6 +42,11 @@ struct Setpoint {
 // own hardest acceleration where that is more, until what is left can be blended. The same holds for such a stream that
 // starts ahead, when the cubic to its first waypoint would be harder or faster than that.
 // Afterwards the setpoint is the plan's, exactly.
+//
+// A held plan (zero-order hold) takes over at once, too. At the time of each waypoint the setpoint steps to it, with
+// the velocity that the plan gives, else 0, and stays there. Until its first waypoint a held setpoint stays, and a
+// curve slows down as where a plan runs out. While the waypoint that holds is younger than stale_ns the state is track,
+// then hold, with velocity 0. For a curve that follows, a held setpoint is at rest.
 //
 // Contract: RT after configure() · owned by the tick thread · bounded: at most one segment's coefficients per tick, and
 // one look at the whole curve per joint that catches up
@@ -60,7 +69,17 @@ class Interpolator {
 
   std::uint64_t plan_id() const LITHE_RT { return plan_id_; }  // of the plan last accepted; 0 = none yet
 
+  // Since the time of the waypoint that holds, also where its plan came later; -1: the setpoint is not held.
+  std::int64_t held_for_ns(std::int64_t now_ns) const LITHE_RT {
+    return held_ == Held::on ? now_ns - piece_.since_ns : -1;
+  }
+
+  static constexpr double kStepFadesS = 0.5;  // a good law is at the setpoint by then
+  static constexpr double kStepS = 0.05;      // it may follow a step as fast as this
+
  private:
+  enum class Held : std::uint8_t { no, ahead, on };  // ahead: its first waypoint is still to come
+
   // What each joint follows from since_ns on, standing still after last_s.
   struct Piece {
     std::int64_t since_ns = 0;
@@ -81,6 +100,10 @@ class Interpolator {
   void follow_curve(std::int64_t now_ns, Setpoint& out) const LITHE_RT;
   void keep_inside(Setpoint& out) const LITHE_RT;
   void advance(std::int64_t now_ns) LITHE_RT;
+  void hold_plan(const wire::Plan& plan, std::int64_t now_ns) LITHE_RT;
+  void advance_held(std::int64_t now_ns) LITHE_RT;
+  void step_to(std::size_t knot, std::int64_t now_ns) LITHE_RT;
+  void fade_steps(std::int64_t now_ns) LITHE_RT;
   void lead_to_first() LITHE_RT;
   void enter_segment(std::size_t knot) LITHE_RT;
   void enter_coast(std::int64_t from_ns, const JointArray& position, const JointArray& velocity) LITHE_RT;
@@ -107,7 +130,7 @@ class Interpolator {
 
   std::array<Knots, 2> knots_{};  // the ones in use, and where the next plan is tried
   std::size_t used_ = 0;
-  std::size_t segment_ = 0;
+  std::size_t segment_ = 0;  // of a held plan: its next waypoint
   std::uint64_t plan_id_ = 0;
 
   wire::PlanState state_ = wire::PlanState::none;
@@ -117,6 +140,10 @@ class Interpolator {
   std::array<CatchUp, kMaxJoints> catch_up_{};
   bool catching_up_ = false;  // one of them
   std::int64_t caught_up_to_ns_ = 0;
+  Held held_ = Held::no;
+  JointArray held_rad_s_{};
+  std::int64_t faded_to_ns_ = 0;
+  bool stepped_ = false;  // since the last sample
   Setpoint setpoint_;
 };
 

@@ -45,6 +45,7 @@ Laws::Laws(const Wiring& wiring)
       guard_(wiring.guard),
       mode_(wiring.mode),
       in_(wiring.in),
+      planned_(wiring.planned),
       report_(wiring.report),
       period_ns_(std::llround(1e9 / wiring.robot.rate_hz)),
       budget_ns_(std::llround(static_cast<double>(period_ns_) * wiring.robot.swap.budget_share)) {
@@ -274,9 +275,11 @@ void Laws::check_probation(const guard::Verdict& verdict) LITHE_RT {
       held_back = true;
       clamped[j] &= ~flag::kTorqueClamped;  // of the start, not the law
     }
-    if (asked_into_soft_stop(j, torque_nm[j])) clamped[j] &= ~flag::kPositionClamped;  // of the plan
+    if (asked_into_soft_stop(j, torque_nm[j])) clamped[j] &= ~flag::kPositionClamped;   // of the plan
+    if (std::abs(planned_.stepped_rad[j]) > Probation::kLeastErrorRad) clamped[j] = 0;  // likewise
   }
-  const Probation::Observed observed{in_, effort_, torque_nm, report_.law_ns, clamped, joint_stopped, held_back};
+  const Probation::Observed observed{in_,     effort_,       torque_nm, report_.law_ns,
+                                     clamped, joint_stopped, held_back, planned_};
   const Probation::News news = probation_.watch(observed);
   if (probation_.unproven()) report_.flags |= flag::kUnproven;
   tell_probation(news);

@@ -39,6 +39,7 @@ class Laws {
     const guard::Guard& guard;
     ModeMachine& mode;
     Tick& in;  // what a law sees in this tick
+    const plan::Setpoint& planned;
     Report& report;
   };
   explicit Laws(const Wiring& wiring);
@@ -118,6 +119,7 @@ class Laws {
   const guard::Guard& guard_;
   ModeMachine& mode_;
   Tick& in_;
+  const plan::Setpoint& planned_;
   Report& report_;
   std::int64_t period_ns_;
   std::int64_t budget_ns_;  // for a law without a budget of its own

@@ -15,7 +15,7 @@ using wire::EventKind;
 namespace flag = wire::telemetry_flag;
 
 ControlStep::ControlStep(const robot::RobotConfig& robot, law::Slot& slot, law::Sandbox& sandbox)
-    : robot_(robot), drives_(robot), laws_({robot, slot, sandbox, guard_, mode_, in_, report_}) {
+    : robot_(robot), drives_(robot), laws_({robot, slot, sandbox, guard_, mode_, in_, plan_.setpoint(), report_}) {
   plan_.configure(robot);
   guard_.configure(robot);
   in_.joints = static_cast<std::uint32_t>(robot.joints.size());
@@ -176,7 +176,7 @@ void ControlStep::name(const wire::PlanDecision& decided, EventText& words) cons
     case wire::PlanReject::too_far:
       (words << ": waypoint ").number(waypoint, 0) << " is ";
       words.number(std::abs(decided.value), 3) << (decided.value > 0 ? " s ahead of" : " s behind");
-      (words << " the Spine's clock, allowed ").number(std::abs(decided.limit), 0);
+      (words << " the Spine's clock, allowed ").number(std::abs(decided.limit), 3);
       return;
     case wire::PlanReject::position_limit:
       (words << ": ").number(decided.value, 3) << " rad, allowed ";
@@ -224,6 +224,7 @@ void ControlStep::fill(const Input& in, wire::Telemetry& record) const LITHE_RT 
   record.sensor = sample.sensor;
   record.input = in_.input;
   record.input_age_ns = inputs_ns_ == 0 ? -1 : in.now_ns - inputs_ns_;
+  record.setpoint_age_ns = plan_.held_for_ns(in.now_ns);
 }
 
 // Commit, one atomic exchange: the staged law runs from the next tick on.

@@ -67,6 +67,7 @@ void for_each_field(Telemetry& message, Visit&& visit) {
   visit("setpoint_acceleration_rad_s2", message.setpoint_acceleration_rad_s2);
   visit("input", message.input);
   visit("input_age_ns", message.input_age_ns);
+  visit("setpoint_age_ns", message.setpoint_age_ns);
 }
 
 template <class Visit>
@@ -86,7 +87,7 @@ void for_each_field(Plan& message, Visit&& visit) {
   visit("waypoint_count", message.waypoint_count);
   visit("joint_count", message.joint_count);
   visit("streaming", message.streaming);
-  visit("pad0", message.pad0);
+  visit("interpolation", message.interpolation);
   visit("t_ns", message.t_ns);
   visit("position_rad", message.position_rad);
   visit("velocity_rad_s", message.velocity_rad_s);

@@ -169,6 +169,22 @@ constexpr std::string_view to_string(PlanState value) LITHE_RT {
   return "?";
 }
 
+enum class Interpolation : std::uint32_t {
+  cubic = 0,
+  hold = 1,
+};
+
+// The name of `value`, or "?" for a number that is not one of Interpolation.
+constexpr std::string_view to_string(Interpolation value) LITHE_RT {
+  switch (value) {
+    case Interpolation::cubic:
+      return "cubic";
+    case Interpolation::hold:
+      return "hold";
+  }
+  return "?";
+}
+
 enum class PlanReject : std::uint32_t {
   none = 0,
   count = 1,
@@ -712,10 +728,11 @@ struct Telemetry {
   std::array<double, 32> setpoint_acceleration_rad_s2{};  // [rad/s^2] what the law tracks
   std::array<double, 16> input{};  // [1] the Brain's inputs to the law, each in the unit that its name ends in
   std::int64_t input_age_ns = {};  // [ns] since the last of them came; -1 = none yet
+  std::int64_t setpoint_age_ns = {};  // [ns] Interpolation hold: since the time of the waypoint that holds; -1 = the setpoint is another
 };
 static_assert(std::is_trivially_copyable_v<Telemetry>);
 static_assert(std::is_standard_layout_v<Telemetry>);
-static_assert(sizeof(Telemetry) == 4008);
+static_assert(sizeof(Telemetry) == 4016);
 static_assert(offsetof(Telemetry, tick) == 0);
 static_assert(offsetof(Telemetry, release_ns) == 8);
 static_assert(offsetof(Telemetry, sample_ns) == 16);
@@ -755,6 +772,7 @@ static_assert(offsetof(Telemetry, law_torque_nm) == 3360);
 static_assert(offsetof(Telemetry, setpoint_acceleration_rad_s2) == 3616);
 static_assert(offsetof(Telemetry, input) == 3872);
 static_assert(offsetof(Telemetry, input_age_ns) == 4000);
+static_assert(offsetof(Telemetry, setpoint_age_ns) == 4008);
 
 // Something that happened once.
 struct Event {
@@ -783,10 +801,10 @@ struct Plan {
   std::uint32_t waypoint_count = {};  // 1..NW
   std::uint32_t joint_count = {};  // must equal the robot's
   std::uint32_t streaming = {};  // 1: more will follow, keep the last velocity; 0: come to rest at the last waypoint
-  std::array<std::uint8_t, 4> pad0{};
+  std::uint32_t interpolation = {};  // Interpolation
   std::array<std::int64_t, 16> t_ns{};  // [ns] CLOCK_MONOTONIC, strictly ascending
   std::array<double, 512> position_rad{};  // [rad] waypoint w, joint j at w * NJ + j
-  std::array<double, 512> velocity_rad_s{};  // [rad/s] likewise; NaN = chosen by the Spine
+  std::array<double, 512> velocity_rad_s{};  // [rad/s] likewise; NaN = chosen by the Spine; 0 with Interpolation hold
 };
 static_assert(std::is_trivially_copyable_v<Plan>);
 static_assert(std::is_standard_layout_v<Plan>);
@@ -795,7 +813,7 @@ static_assert(offsetof(Plan, plan_id) == 0);
 static_assert(offsetof(Plan, waypoint_count) == 8);
 static_assert(offsetof(Plan, joint_count) == 12);
 static_assert(offsetof(Plan, streaming) == 16);
-static_assert(offsetof(Plan, pad0) == 20);
+static_assert(offsetof(Plan, interpolation) == 20);
 static_assert(offsetof(Plan, t_ns) == 24);
 static_assert(offsetof(Plan, position_rad) == 152);
 static_assert(offsetof(Plan, velocity_rad_s) == 4248);
@@ -1189,7 +1207,7 @@ constexpr WordRanges active_ranges<Telemetry>(std::size_t joints) {
   used.add(3104, 3104 + 8 * joints);
   used.add(3360, 3360 + 8 * joints);
   used.add(3616, 3616 + 8 * joints);
-  used.add(3872, 4008);
+  used.add(3872, 4016);
   return used;
 }
 
@@ -1270,7 +1288,7 @@ inline constexpr std::size_t kInputsOffset = 41472;  // channel Inputs
 inline constexpr std::size_t kBytes = 42624;  // the schema text follows
 }
 
-inline constexpr std::uint64_t kLayoutHash = 0xb977d36c305ca079;
+inline constexpr std::uint64_t kLayoutHash = 0x9c46026e67ebf03e;
 // What the hash covers; every segment carries it, so that two builds can tell where they differ.
 inline constexpr std::string_view kCanonicalSchema =
     "abi:1\n"
@@ -1326,6 +1344,7 @@ inline constexpr std::string_view kCanonicalSchema =
     "Telemetry.setpoint_acceleration_rad_s2:float64[32]:3616:256:rad/s^2\n"
     "Telemetry.input:float64[16]:3872:128:1\n"
     "Telemetry.input_age_ns:int64[1]:4000:8:ns\n"
+    "Telemetry.setpoint_age_ns:int64[1]:4008:8:ns\n"
     "Event.t_ns:int64[1]:0:8:ns\n"
     "Event.tick:uint64[1]:8:8:-\n"
     "Event.request_id:uint64[1]:16:8:-\n"
@@ -1337,7 +1356,7 @@ inline constexpr std::string_view kCanonicalSchema =
     "Plan.waypoint_count:uint32[1]:8:4:-\n"
     "Plan.joint_count:uint32[1]:12:4:-\n"
     "Plan.streaming:uint32[1]:16:4:-\n"
-    "Plan.pad0:uint8[4]:20:4:-\n"
+    "Plan.interpolation:uint32[1]:20:4:-\n"
     "Plan.t_ns:int64[16]:24:128:ns\n"
     "Plan.position_rad:float64[512]:152:4096:rad\n"
     "Plan.velocity_rad_s:float64[512]:4248:4096:rad/s\n"

@@ -204,6 +204,8 @@ Json status_json(const SpineLink& spine, const robot::RobotConfig& robot) {
           {"missed_releases", now.missed_releases},
           {"late_samples", now.late_samples},
           {"plan", std::string(to_string(static_cast<wire::PlanState>(now.plan_state)))},
+          {"setpoint_age_ms",
+           now.setpoint_age_ns < 0 ? Json(nullptr) : Json(static_cast<double>(now.setpoint_age_ns) * 1e-6)},
           {"brain_age_ms", now.brain_age_ns < 0 ? Json(nullptr) : Json(static_cast<double>(now.brain_age_ns) * 1e-6)},
           {"brain_ahead_s", brain_ahead_s(spine, now)},
           {"release_jitter_us", quantiles_json(spine.quantiles(memory.release_jitter))},

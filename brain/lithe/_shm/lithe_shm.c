@@ -8,7 +8,7 @@
 // tools/gen.py writes these three from schema/wire.toml.
 #define LITHE_LINE 128
 #define LITHE_RECORD_ALIGN 64
-#define LITHE_LAYOUT_HASH UINT64_C(0xb977d36c305ca079)
+#define LITHE_LAYOUT_HASH UINT64_C(0x9c46026e67ebf03e)
 
 typedef _Atomic uint64_t Word;
 

@@ -382,5 +382,6 @@ class Gateway:
             np.asarray(args["position_rad"], dtype=np.float64),
             None if velocity is None else np.asarray(velocity, dtype=np.float64),
             bool(args.get("streaming", True)),
+            args.get("interpolation", "cubic"),
         )
         return {"plan_id": plan_id, "accepted": self.robot.decided(plan_id) or None}

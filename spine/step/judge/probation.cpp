@@ -21,21 +21,13 @@ constexpr double kHandedOn = 0.75;  // of these: at most so much counts for the 
 constexpr auto kCatchUpNs = static_cast<std::int64_t>(1e9 * Probation::kCatchUpS);
 constexpr std::int64_t kLongestReturnNs = 1'000'000'000;
 
-double error_rad(const Tick& in, std::uint32_t j) LITHE_RT { return std::abs(tracking_error_rad(in, j)); }
-
-// The largest error on the way, when the joint comes evenly to the setpoint's velocity within kCatchUpS.
-double found_rad(const Tick& in, std::uint32_t j) LITHE_RT {
-  const double drift_rad_s = std::abs(in.velocity_rad_s[j] - in.setpoint_velocity_rad_s[j]);
-  return error_rad(in, j) + 0.5 * drift_rad_s * Probation::kCatchUpS;
-}
-
 // The robot moves, or is asked to. A joint that is stopped may have lost its drive, and with it its velocity.
 bool in_motion(const Probation::Observed& tick) LITHE_RT {
   const Tick& in = tick.in;
   bool moves = false;
   for (std::uint32_t j = 0; j < in.joints; ++j) {
-    moves |= !tick.stopped[j] && (std::abs(in.velocity_rad_s[j]) > Probation::kMovingRadS ||
-                                  std::abs(in.setpoint_velocity_rad_s[j]) > Probation::kAskedRadS);
+    moves |= !tick.stopped[j] &&
+             (std::abs(in.velocity_rad_s[j]) > Probation::kMovingRadS || tick.asked_rad_s(j) > Probation::kAskedRadS);
   }
   return moves && (in.flags & kSampleStale) == 0;
 }
@@ -97,6 +89,16 @@ void Probation::end_params(const Tick& in) LITHE_RT {
   find(in, true);
 }
 
+double Probation::error_rad(const Tick& in, std::uint32_t j) const LITHE_RT {
+  return std::max(0.0, std::abs(tracking_error_rad(in, j)) - std::abs(stepped_rad_[j]));
+}
+
+// The largest error on the way, when the joint comes evenly to the setpoint's velocity within kCatchUpS.
+double Probation::found_rad(const Tick& in, std::uint32_t j) const LITHE_RT {
+  const double drift_rad_s = std::abs(in.velocity_rad_s[j] - in.setpoint_velocity_rad_s[j]);
+  return error_rad(in, j) + 0.5 * drift_rad_s * kCatchUpS;
+}
+
 double Probation::before_rad(std::uint32_t j) const LITHE_RT { return std::max(error_before_rad_[j], kLeastErrorRad); }
 
 // A joint is beyond the measure. (Of one that is stopped, nothing is known.)
@@ -149,6 +151,7 @@ void Probation::compare_errors_from_here() LITHE_RT {
 
 Probation::News Probation::watch(const Observed& tick) LITHE_RT {
   News news;
+  stepped_rad_ = tick.planned.stepped_rad;
   if (std::exchange(resting_, false)) begin(tick.in);
   remember(tick);
   if (!on()) return news;
@@ -224,7 +227,8 @@ void Probation::remember(const Observed& tick) LITHE_RT {
       clamped_share_[j] = clamped + (clamped_share_[j] - clamped) * forget_guard_;
       slewed_share_[j] = slewed + (slewed_share_[j] - slewed) * forget_slew_;
     }
-    tick.stopped[j] || returns ? tremor_.skip(j) : tremor_.see(tick.in, j, tick.torque_nm[j]);
+    const law::SetpointSteps steps{tick.planned.steps, tick.planned.step_rad_s[j]};
+    tick.stopped[j] || returns ? tremor_.skip(j) : tremor_.see(tick.in, j, tick.torque_nm[j], steps);
   }
   const bool too_long = terms_.budget_ns > 0 && tick.law_ns > terms_.budget_ns;
   long_steps_ = too_long ? long_steps_ + 1 : 0;

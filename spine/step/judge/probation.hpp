@@ -2,7 +2,9 @@
 // Probation: judges a law that has just been committed, or parameters that have just been set, against the time before.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 
 #include "lithe/law.hpp"
@@ -10,6 +12,7 @@
 #include "spine/core/rt.hpp"
 #include "spine/law/resident.hpp"
 #include "spine/law/tremor.hpp"
+#include "spine/plan/interpolator.hpp"
 #include "spine/robot/config.hpp"
 #include "spine/wire/wire.hpp"
 
@@ -42,6 +45,8 @@ inline double tracking_error_rad(const Tick& in, std::uint32_t j) LITHE_RT {
 // and no tick counts: when the machine stopped the tick, or the bus the exchange, for kPauseS (at least 3.5 periods);
 // while no law ran; while the guard limits the torque of the soft start. The guard's limits hold all the time. For a
 // law committed in this time, the errors since it began also count as errors before its commit.
+// Steps of a held plan are not the law's: the error that is judged is less by what is left of their way (stepped_rad),
+// they count as a speed that is asked for (step_rad_s), and while more than kLeastErrorRad is left, no clamp counts.
 // While no law runs, the time before is forgotten as fast as otherwise; after a fault, at once. A law that is on
 // probation when it is armed is judged from the state that it finds then: its errors count as those before.
 // Parameters of an unconfirmed law get no probation of their own: they are judged with the law.
@@ -92,6 +97,11 @@ class Probation {
     std::array<std::uint32_t, kMaxJoints> clamped;  // per joint: kClamped and kSlewed bits of what the guard did
     std::array<bool, kMaxJoints> stopped;           // joints that the law does not drive: their setpoint follows them
     bool soft_start;                                // the guard limits a torque, because the robot was just armed
+    const plan::Setpoint& planned;                  // that `in` has
+
+    double asked_rad_s(std::uint32_t j) const LITHE_RT {
+      return std::max(std::abs(in.setpoint_velocity_rad_s[j]), std::abs(planned.step_rad_s[j]));
+    }
   };
   // What the guard clamps, of wire::telemetry_flag.
   static constexpr std::uint32_t kClamped = wire::telemetry_flag::kTorqueClamped |
@@ -135,6 +145,8 @@ class Probation {
     }
   };
 
+  double error_rad(const Tick& in, std::uint32_t j) const LITHE_RT;
+  double found_rad(const Tick& in, std::uint32_t j) const LITHE_RT;
   double before_rad(std::uint32_t j) const LITHE_RT;
   bool is_back(const Tick& in) const LITHE_RT;
   bool beyond(const Tick& in) const LITHE_RT;
@@ -155,6 +167,7 @@ class Probation {
   std::uint32_t params_ticks_ = 0;
   double params_error_ratio_ = 0;
   JointArray most_error_rad_{};
+  JointArray stepped_rad_{};         // of the last tick in which a law ran
   std::int64_t pause_ns_ = 0;        // between two ticks
   std::int64_t last_ns_ = 0;         // of the tick before
   std::int64_t catching_up_ns_ = 0;  // until then

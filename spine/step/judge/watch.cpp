@@ -70,9 +70,10 @@ void Watch::add(const Probation::Observed& tick, std::uint32_t j) LITHE_RT {
   const double speed_rad_s = in.velocity_rad_s[j] - in.setpoint_velocity_rad_s[j];
   if (tick.stopped[j] || !std::isfinite(error + torque_nm + felt_nm + speed_rad_s)) return;
   Window& now = window_[j];
-  now.asked.rad_s = std::max(now.asked.rad_s, std::abs(in.setpoint_velocity_rad_s[j]));
+  now.asked.rad_s = std::max(now.asked.rad_s, tick.asked_rad_s(j));
   now.asked.rad_s2 = std::max(now.asked.rad_s2, std::abs(in.setpoint_acceleration_rad_s2[j]));
-  const double off_rad = std::abs(error), side = error > 0 ? 1.0 : -1.0;
+  const double off_rad = std::max(0.0, std::abs(error) - std::abs(tick.planned.stepped_rad[j])),
+               side = error > 0 ? 1.0 : -1.0;
   if (off_rad > far_rad(j)) {
     const bool away = side * push_of(tick, j) < -1;
     const bool comes_nearer = side * in.velocity_rad_s[j] > Probation::kMovingRadS;

@@ -100,6 +100,11 @@ TEST(BrokenTwin, OneBitOfOneInputIsSeen) {
     if (given.tick == 2007) flip_last_bit(given.plan->position_rad[wire::kNj]);
   });
   EXPECT_TRUE(begins(plan, "replay, tick 20")) << plan;
+  // Of one that steps at once.
+  const std::string step = Runs("chain").first_difference(5, [](Given& given) {
+    if (given.tick == 4507) flip_last_bit(given.plan->position_rad[0]);
+  });
+  EXPECT_TRUE(begins(step, "replay, tick 4507: ")) << step;
 }
 
 TEST(BrokenTwin, AnAnswerOfTheHostIsAnInputToo) {

@@ -281,7 +281,8 @@ class Loop {
     command.value[0] = 3.0 + static_cast<double>(tick_ % 3000) / 3000;
     given_.command = command;
   }
-  // The next 320 ms of a sine on every joint, every 20 ms; now and then none for a while.
+  // The next 320 ms of a sine on every joint, every 20 ms; now and then none for a while. Every second time, for four
+  // seconds, they are held.
   void plan() {
     if (tick_ % 20 != 7 || tick_ % 4000 > 3500) return;
     wire::Plan& plan = given_.plan.emplace();
@@ -289,6 +290,7 @@ class Loop {
     plan.waypoint_count = wire::kNw;
     plan.joint_count = static_cast<std::uint32_t>(robot_.joints.size());
     plan.streaming = 1;
+    if (tick_ / 4000 % 2 == 1) plan.interpolation = static_cast<std::uint32_t>(wire::Interpolation::hold);
     for (std::size_t w = 0; w < wire::kNw; ++w) {
       plan.t_ns[w] = now_ns_ + static_cast<std::int64_t>(w) * 20 * kNsPerMs;
       for (std::size_t j = 0; j < robot_.joints.size(); ++j) {

@@ -83,9 +83,11 @@ TEST_F(DecisionTest, ARefusalNamesWhatWhereAndTheLimit) {
   EXPECT_EQ(words(plan), "time_order: waypoint 2 is 0.020 s before the one before it");
   plan.t_ns[0] = now_ns_ + period_ns_ - 12 * kNsPerS;
   plan.t_ns[1] = now_ns_ + kNsPerS;
-  EXPECT_EQ(words(plan), "too_old: waypoint 1 is 12.000 s behind the Spine's clock, allowed 10");
-  EXPECT_EQ(words(plan_to(0.1, 1 - 3600'000)), "too_old: waypoint 1 is 3600.000 s behind the Spine's clock, allowed 0");
-  EXPECT_EQ(words(plan_to(0.1, 1 + 12'000)), "too_far: waypoint 1 is 12.000 s ahead of the Spine's clock, allowed 10");
+  EXPECT_EQ(words(plan), "too_old: waypoint 1 is 12.000 s behind the Spine's clock, allowed 10.000");
+  EXPECT_EQ(words(plan_to(0.1, 1 - 3600'000)),
+            "too_old: waypoint 1 is 3600.000 s behind the Spine's clock, allowed 0.000");
+  EXPECT_EQ(words(plan_to(0.1, 1 + 12'000)),
+            "too_far: waypoint 1 is 12.000 s ahead of the Spine's clock, allowed 10.000");
   plan = plan_to(0.0, 1000);
   plan.waypoint_count = 2;
   plan.t_ns[1] = plan.t_ns[0] + 20 * kNsPerMs;

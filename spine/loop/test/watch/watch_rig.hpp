@@ -110,7 +110,7 @@ class WatchBench : public TickBench {
     Proven::most[j] = Watched::most[j] = most_nm;
     Proven::gravity[j] = Watched::gravity[j] = gravity_nm;
   }
-  // Follows a sine on every joint for so long.
+  // Follows a sine on every joint for so long; a new plan 50 times a second.
   void follow(double seconds) {
     const int count = static_cast<int>(seconds * robot_.rate_hz);
     for (int i = 0; i < count; ++i) {
@@ -130,11 +130,13 @@ class WatchBench : public TickBench {
     for (int tries = 0; tries < 500 && send(CommandKind::arm) != CommandResult::done; ++tries) ticks(10);
     ticks(10);
     follow(1.0);
-    if (!with_second) return follow(3.0);
+    if (with_second) stage_second();
+    follow(3.0);
+  }
+  void stage_second() {
     terms_.probation_ticks = static_cast<std::uint32_t>(robot_.rate_hz);
     terms_.blend_ticks = 20;
     stage(kWatched);
-    follow(3.0);
   }
   std::uint32_t runs() { return slot_.active() == nullptr ? 0 : slot_.active()->law_id; }
   bool confirmed() { return runs() == 2 && !slot_.active()->unproven; }
@@ -166,6 +168,7 @@ class WatchBench : public TickBench {
   bool with_second = true;
   double error_ratio = 3;
   double hz = 0.3, amplitude_rad = 0.3;
+  bool held = false, square = false;  // the Brain's plans hold one target each; square: which is one end or the other
   Outside outside;
 
  private:
@@ -179,12 +182,17 @@ class WatchBench : public TickBench {
     plan.waypoint_count = wire::kNw;
     plan.joint_count = static_cast<std::uint32_t>(robot_.joints.size());
     plan.streaming = 1;
+    if (held) {
+      plan.waypoint_count = 1;
+      plan.interpolation = static_cast<std::uint32_t>(wire::Interpolation::hold);
+    }
     for (std::size_t w = 0; w < wire::kNw; ++w) {
       const double ahead_s = 0.02 * static_cast<double>(w);
       plan.t_ns[w] = now_ns_ + std::llround(1e9 * ahead_s);
       for (std::size_t j = 0; j < robot_.joints.size(); ++j) {
+        const double sine = std::sin(phase_ + 2 * 3.14159265358979 * hz * ahead_s);
         plan.position_rad[w * wire::kNj + j] =
-            middle_rad_[j] + amplitude_rad * std::sin(phase_ + 2 * 3.14159265358979 * hz * ahead_s);
+            middle_rad_[j] + amplitude_rad * (square ? std::copysign(1, sine) : sine);
         plan.velocity_rad_s[w * wire::kNj + j] = std::numeric_limits<double>::quiet_NaN();
       }
     }
