@@ -5,6 +5,7 @@
 #include <spdlog/spdlog.h>
 
 #include <array>
+#include <cmath>
 #include <cstring>
 #include <utility>
 
@@ -20,6 +21,7 @@ constexpr std::int64_t kStageNs = 10'000'000'000;
 constexpr std::int64_t kCommitNs = 5'000'000'000;   // plus twice the time in the shadow: ticks may be lost
 constexpr std::int64_t kWordsGraceNs = 50'000'000;  // for the event of what shared memory shows already
 
+constexpr double kLongShadowS = 5;  // a swap waits for a shadow that ends sooner
 constexpr Stage kInTheSpine[] = {Stage::staged, Stage::shadow, Stage::committed};
 constexpr const char* kSkipped = "skipped: the gates are open";
 
@@ -329,6 +331,21 @@ void Swaps::shadow_ended(const wire::Event& event) {
                             text_of(event.text), event.value, head_->swap.request().terms.shadow_tolerance_nm),
                 "the laws are as before; where they disagree make them agree, or swap without a shadow"};
   }
+}
+
+// Only one law at a time runs beside the active one. Who would wait for long is told whose shadow it is.
+std::optional<Refusal> Swaps::long_shadow(std::int64_t now_ns) const {
+  if (heard_.shadow_ns == 0) return std::nullopt;
+  const SwapState& swap = head_->swap;
+  const double left_s =
+      std::ceil(swap.request().terms.shadow_s - 1e-9 * static_cast<double>(now_ns - heard_.shadow_ns));
+  if (left_s <= kLongShadowS) return std::nullopt;
+  return Refusal{
+      "busy",
+      fmt::format("swap {} ('{}') runs in the shadow of the active law for {:.0f} s more; meanwhile no law can "
+                  "be swapped",
+                  swap.request_id(), swap.request().name, left_s),
+      fmt::format("send it again in {:.0f} s; disarm or a rollback ends the shadow", left_s)};
 }
 
 // The stages that the Spine told of: the tick may commit before the Loader's acknowledgement is read.

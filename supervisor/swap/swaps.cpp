@@ -107,10 +107,14 @@ void Swaps::supersede(const SwapRequest& newer, std::int64_t now_ns) {
   };
   const auto found = std::ranges::find_if(waiting_, is_it);
   if (found == waiting_.end()) return;
-  Entry gone = std::move(*found);
-  waiting_.erase(found);
-  gone.swap.mark_refused({"superseded", fmt::format("a newer request for '{}' takes its place", newer.name), ""},
-                         now_ns);
+  refuse_waiting(found, {"superseded", fmt::format("a newer request for '{}' takes its place", newer.name), ""},
+                 now_ns);
+}
+
+void Swaps::refuse_waiting(std::deque<Entry>::iterator which, const Refusal& reason, std::int64_t now_ns) {
+  Entry gone = std::move(*which);
+  waiting_.erase(which);
+  gone.swap.mark_refused(reason, now_ns);
   finish(std::move(gone));
 }
 
@@ -145,6 +149,8 @@ void Swaps::settle() {
 void Swaps::serve(std::int64_t now_ns) {
   go_on(now_ns);
   begin_next(now_ns);
+  if (const auto reason = long_shadow(now_ns))
+    while (!waiting_.empty()) refuse_waiting(waiting_.begin(), *reason, now_ns);
   lifecycle_.serve(now_ns);
   if (late_.waiting() > 0 && (late_.retry(book_, now_ns), late_.waiting() == 0)) write_failed_.clear();
 }
@@ -155,10 +161,7 @@ void Swaps::refuse_all(const Refusal& reason, std::int64_t now_ns) {
       sequence_->abort(reason, now_ns);
       go_on(now_ns);
     } else {
-      Entry entry = std::move(waiting_.front());
-      waiting_.pop_front();
-      entry.swap.mark_refused(reason, now_ns);
-      finish(std::move(entry));
+      refuse_waiting(waiting_.begin(), reason, now_ns);
     }
   }
   params_.refuse_all(reason);

@@ -126,6 +126,7 @@ class Swaps {
   void mark_heard(SwapState& swap) const;
   void hear(const wire::Event& event);
   void shadow_ended(const wire::Event& event);
+  std::optional<Refusal> long_shadow(std::int64_t now_ns) const;
   void look(std::int64_t now_ns);
   bool find_commit(std::int64_t now_ns);
 
@@ -133,6 +134,7 @@ class Swaps {
   bool is_head(std::uint64_t request_id) const { return head_ && head_->swap.request_id() == request_id; }
   std::int64_t now_ns() const { return sequence_->now_ns(); }
   void supersede(const SwapRequest& newer, std::int64_t now_ns);
+  void refuse_waiting(std::deque<Entry>::iterator which, const Refusal& reason, std::int64_t now_ns);
   void begin_next(std::int64_t now_ns);
   void go_on(std::int64_t now_ns);
   void settle();

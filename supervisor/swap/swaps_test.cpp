@@ -191,6 +191,32 @@ TEST_F(SwapsTest, TheTimeInTheShadowIsNotHeldAgainstIt) {
   EXPECT_EQ(certificate()["verdict"], "not_confirmed");
 }
 
+TEST_F(SwapsTest, WhoWouldWaitLongForAShadowIsToldWhoseItIsAndForHowLong) {
+  publish(10, 3);
+  ask(Json::object(), 30);
+  SwapRequest other{"other.cpp", kRestLaw};
+  submit(other);
+  swaps_->serve(monotonic_ns());
+  EXPECT_TRUE(answers_.empty()) << "the shadow has not begun";
+  tell(EventKind::law_staged, 7, 0);
+  tell(EventKind::shadow_started, 7, 20);
+  const std::int64_t now_ns = monotonic_ns();
+  swaps_->serve(now_ns + 10 * kNsPerS);
+  ASSERT_EQ(answers_.size(), 1U);
+  EXPECT_EQ(refusal(0).code, "busy");
+  EXPECT_NE(refusal(0).message.find("swap 100 ('rest.cpp') runs in the shadow of the active law for 20 s more"),
+            std::string::npos)
+      << refusal(0).message;
+  EXPECT_NE(refusal(0).next.find("in 20 s"), std::string::npos) << refusal(0).next;
+  EXPECT_EQ(certificate("0002.json")["verdict"], "refused");
+  submit(other);
+  swaps_->serve(now_ns + 26 * kNsPerS);
+  EXPECT_EQ(answers_.size(), 1U) << "4 s are not long: it waits";
+  tell(EventKind::shadow_ended, 2, 30, 0.7, "compared");
+  ASSERT_EQ(answers_.size(), 2U);
+  EXPECT_EQ(std::get<Json>(answers_[1])["verdict"], "measured");
+}
+
 TEST_F(SwapsTest, AShadowThatAgreedIsCommittedAndOneThatDidNotIsRefused) {
   publish(10, 3);
   ask(Json::object(), 1);
