@@ -109,6 +109,7 @@ class MujocoPlant final : public Mechanism {
     if (!data_) return Error{params.model + ": no memory for its simulation"};
     for (const MujocoJoint& joint : params.joints)
       if (Result<> added = add(joint); !added) return Error{params.model + ": " + added.message()};
+    if (Result<> found = find_imu(params.imu); !found) return Error{params.model + ": " + found.message()};
     place();
     if (const std::int64_t takes_ns = quickest_step_ns(clock); takes_ns > params.step_ns) {
       return Error{params.model + ": a step of " + std::to_string(params.step_ns / 1000) + " us takes " +
@@ -146,6 +147,9 @@ class MujocoPlant final : public Mechanism {
   double position_rad(std::size_t joint) const LITHE_RT override { return joints_[joint].position_rad; }
   double velocity_rad_s(std::size_t joint) const LITHE_RT override { return data_->qvel[joints_[joint].freedom]; }
   double torque_nm(std::size_t joint) const LITHE_RT override { return joints_[joint].torque_nm; }
+  void read_imu(std::array<double, kImuChannels>& out) const LITHE_RT override {
+    for (std::size_t i = 0; i < imu_.size(); ++i) out[i] = imu_[i] != nullptr ? *imu_[i] : kLevelImu[i];
+  }
   double inertia_kg_m2(std::size_t joint) const override { return model_->dof_M0[joints_[joint].freedom]; }
 
  private:
@@ -191,6 +195,29 @@ class MujocoPlant final : public Mechanism {
     return done();
   }
 
+  // The first sensor of each kind, by which IMUs are described in MJCF.
+  Result<> find_imu(bool wanted) {
+    struct Part {
+      mjtSensor type;
+      std::size_t channel;
+    };
+    std::size_t found = 0;
+    for (const Part& part : {Part{mjSENS_FRAMEQUAT, 0}, Part{mjSENS_GYRO, 4}, Part{mjSENS_ACCELEROMETER, 7}}) {
+      const std::span<const int> types(model_->sensor_type, static_cast<std::size_t>(model_->nsensor));
+      const auto id = static_cast<int>(std::ranges::find(types, static_cast<int>(part.type)) - types.begin());
+      if (id == model_->nsensor) continue;
+      ++found;
+      for (int i = 0; i < model_->sensor_dim[id]; ++i)
+        imu_[part.channel + static_cast<std::size_t>(i)] = data_->sensordata + model_->sensor_adr[id] + i;
+    }
+    if (!wanted || found == 3) return done();
+    return Error{
+        "the robot file has a device of kind \"imu\", and the model lacks its sensors: write <site name=\"imu\"/> in "
+        "the "
+        "body that carries it, and <sensor><framequat objtype=\"site\" objname=\"imu\"/><gyro site=\"imu\"/>"
+        "<accelerometer site=\"imu\"/></sensor>"};
+  }
+
   // Resets everything to the start.
   void place() LITHE_RT {
     library_.reset(model_.get(), data_.get());
@@ -232,6 +259,7 @@ class MujocoPlant final : public Mechanism {
   std::unique_ptr<mjModel, decltype(&mj_deleteModel)> model_;
   std::unique_ptr<mjData, decltype(&mj_deleteData)> data_;
   std::vector<Joint> joints_;
+  std::array<const mjtNum*, kImuChannels> imu_{};
   std::int64_t parts_ = 1;  // drive steps per physics step
   std::int64_t part_ = 0;
 };

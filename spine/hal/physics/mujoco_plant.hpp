@@ -26,6 +26,8 @@ struct MujocoParams {
   std::string model;                      // path of an MJCF file
   std::int64_t step_ns = Plant::kStepNs;  // of the physics; a multiple of Plant::kStepNs
   std::vector<MujocoJoint> joints;
+  bool imu =
+      false;  // read_imu() gives the model's first sensors framequat, gyro and accelerometer, which must be there
 };
 
 using Clock = std::int64_t (*)();  // nanoseconds
@@ -34,8 +36,8 @@ using Clock = std::int64_t (*)();  // nanoseconds
 // When the physics step is longer than the drives' step, a joint's position is interpolated linearly. Other parts of
 // the model (free base, passive joints, loose objects) move too. A diverging simulation is reset by MuJoCo. A step
 // allocates only when meshes touch, or when more than 128 bodies may touch. The error names the joint, whose range in
-// the model may be too narrow, or gives MuJoCo's text, or says that a step takes longer than it simulates, or how to
-// install MuJoCo.
+// the model may be too narrow, or the sensors that an IMU lacks, or gives MuJoCo's text, or says that a step takes
+// longer than it simulates, or how to install MuJoCo.
 // Contract: never in the tick
 Result<std::unique_ptr<Mechanism>> open_mujoco(const MujocoParams& params, Clock clock = monotonic_ns);
 

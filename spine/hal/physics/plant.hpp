@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -12,6 +13,7 @@
 #include "spine/core/pinned.hpp"
 #include "spine/core/rt.hpp"
 #include "spine/hal/bus/loop/draws.hpp"
+#include "spine/hal/core/board.hpp"
 
 namespace lithe::hal::sim {
 
@@ -128,6 +130,9 @@ class Plant {
   bool coupled_ = false;
 };
 
+// Of an IMU at rest, level: an accelerometer measures gravity upwards.
+inline constexpr std::array<double, kImuChannels> kLevelImu{1, 0, 0, 0, 0, 0, 0, 0, 0, 9.80665};
+
 // A mechanism that couples several joints. Simulates in steps of Plant::kStepNs. Same inputs, same motion, to the bit.
 // Contract: RT · one thread · no clock of its own
 class Mechanism : public Interface {
@@ -142,6 +147,10 @@ class Mechanism : public Interface {
   virtual double position_rad(std::size_t joint) const LITHE_RT = 0;
   virtual double velocity_rad_s(std::size_t joint) const LITHE_RT = 0;
   virtual double torque_nm(std::size_t joint) const LITHE_RT = 0;  // of the motor, at the joint
+
+  // Attitude, angular rate and acceleration of an IMU on its base, as ImuReading::value has them. A base that is fixed
+  // and level has always the same.
+  virtual void read_imu(std::array<double, kImuChannels>& out) const LITHE_RT { out = kLevelImu; }
 
   // The inertia that a drive at this joint is tuned for: everything that turns with it, in a usual pose.
   // Contract: never in the tick

@@ -45,6 +45,8 @@ std::unique_ptr<Mechanism> make_chain(const robot::RobotConfig& config) {
 
 Result<std::unique_ptr<Mechanism>> make_model(const robot::RobotConfig& config) {
   MujocoParams params{config.plant.model, std::llround(1e9 * config.plant.step_s), {}};
+  params.imu =
+      std::ranges::any_of(config.devices, [](const auto& each) { return each.kind == robot::DeviceKind::imu; });
   for (const robot::JointConfig& joint : config.joints) {
     const PlantParams plant = plant_of(config, joint, draw_truth(config, joint));
     params.joints.push_back({joint.name, plant.initial_position_rad, plant.torque_lag_s, plant.torque_max_nm,
@@ -77,22 +79,23 @@ SimDevice make_device(const robot::RobotConfig& config, std::size_t index, const
   return make({device, config.buses[device.bus], index, joint.sim.encoder_counts, transform, plant, truth.drive});
 }
 
-// Level and at rest.
-class LevelImu final : public ImuSource {
+class SimImu final : public ImuSource {
  public:
+  explicit SimImu(const Coupling* coupling) : coupling_(coupling) {}
   const ImuReading& imu(std::int64_t now_ns) LITHE_RT override {
+    if (coupling_ != nullptr) coupling_->mechanism().read_imu(reading_.value);
     reading_.taken_ns = now_ns;
     return reading_;
   }
 
  private:
-  static constexpr double kGravityMps2 = 9.80665;  // an accelerometer at rest measures gravity upwards
-  ImuReading reading_{{1, 0, 0, 0, 0, 0, 0, 0, 0, kGravityMps2}, 0, true};
+  const Coupling* coupling_;  // null: joints that are independent have no base that moves
+  ImuReading reading_{kLevelImu, 0, true};
 };
 
 class LoopSimulation final : public Simulation {
  public:
-  explicit LoopSimulation(Nodes nodes) : nodes_(std::move(nodes)) {}
+  explicit LoopSimulation(Nodes nodes) : nodes_(std::move(nodes)), imu_(nodes_.coupling.get()) {}
 
   std::unique_ptr<Bus> open_bus(const robot::RobotConfig& config, std::size_t index) override {
     auto bus = std::make_unique<LoopBus>();
@@ -104,7 +107,7 @@ class LoopSimulation final : public Simulation {
 
  private:
   Nodes nodes_;
-  LevelImu imu_;
+  SimImu imu_;
 };
 
 }  // namespace
