@@ -219,7 +219,11 @@ TEST_F(AdmissionObject, StackWithoutABoundIsRefused) {
 TEST_F(AdmissionObject, DangerousInstructionIsFoundWithItsLine) {
 #if defined(__x86_64__)
   EXPECT_EQ(verdict(object(LawText{.body = "\nasm volatile(\"syscall\");"}.source())), "instructions:7");
-  EXPECT_EQ(verdict(object(LawText{.body = "asm volatile(\"wrpkru\");"}.source())), "instructions:6");
+  for (const char* text : {"wrpkru", "mov %eax, %fs", "pop %fs", "mov %eax, %gs", "lfs (%rsp), %eax", "wrfsbase %rax"})
+    EXPECT_EQ(verdict(object(LawText{.body = std::string("asm volatile(\"") + text + "\");"}.source())),
+              "instructions:6")
+        << text;
+  EXPECT_EQ(verdict(object(LawText{.body = "asm volatile(\"mov %%fs, %%eax\" : : : \"eax\");"}.source())), "");
 #else
   EXPECT_EQ(verdict(object(LawText{.body = "\nasm volatile(\"svc #0\");"}.source())), "instructions:7");
   EXPECT_EQ(verdict(object(LawText{.body = "asm volatile(\"mrs x0, cntvct_el0\");"}.source())), "instructions:6");

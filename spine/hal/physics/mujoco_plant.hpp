@@ -26,8 +26,7 @@ struct MujocoParams {
   std::string model;                      // path of an MJCF file
   std::int64_t step_ns = Plant::kStepNs;  // of the physics; a multiple of Plant::kStepNs
   std::vector<MujocoJoint> joints;
-  bool imu =
-      false;  // read_imu() gives the model's first sensors framequat, gyro and accelerometer, which must be there
+  bool imu = false;  // read_imu() gives its first sensors framequat, gyro and accelerometer, which must be there
 };
 
 using Clock = std::int64_t (*)();  // nanoseconds

@@ -26,7 +26,7 @@ STAGES = ["compile", "admission", "trial"]
 LATER = ["containment", "guard", "none"]
 WITHOUT_GATES = re.compile(
     r"bad_access|bus_error|arithmetic|illegal_instruction|aborted|trapped|system_call|overran|not_finite|state_broken"
-    r"|clamp|harmless|uncompilable|unloadable|unplaceable"
+    r"|clamp|harmless|uncompilable|unloadable|unplaceable|not_contained"
 )
 NO_LINE = {"size", "descriptor"}  # rules about the law as a whole
 ARENA_BYTES = 16 * (256 << 10)  # spine/arena/layout.hpp
