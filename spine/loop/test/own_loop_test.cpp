@@ -28,6 +28,16 @@ struct FollowAll {
     }
   }
 };
+struct StepAll {  // the same, but a drive that closes a loop of velocity is led to the setpoint's position
+  struct Params {};
+  struct State {};
+  static void step(const Tick& t, const Params&, State&, Effort& u) {
+    FollowAll::State none;
+    FollowAll::step(t, {}, none, u);
+    for (std::uint32_t j = 0; j < t.joints; ++j)
+      u.velocity_rad_s[j] += 5 * (t.setpoint_position_rad[j] - t.position_rad[j]);
+  }
+};
 struct RunAway {  // as fast as it may, for ever
   struct Params {};
   struct State {
@@ -45,6 +55,7 @@ struct RunAway {  // as fast as it may, for ever
   }
 };
 inline constexpr LitheLaw kFollowAll = describe<FollowAll>("follow");
+inline constexpr LitheLaw kStepAll = describe<StepAll>("step");
 inline constexpr LitheLaw kRunAway = describe<RunAway>("run_away");
 
 constexpr CiaMode kModes[] = {CiaMode::torque, CiaMode::velocity, CiaMode::position};
@@ -168,6 +179,38 @@ std::string stop_run(CiaMode mode, CiaMode believed, std::uint64_t seed) {
   return seen.shakes_rad_s > 0.1 ? where + fmt::format(": it shakes, {:.2f} rad/s", seen.shakes_rad_s) : "";
 }
 
+// A policy's steps, anywhere within the limits; then a stop, a few ticks after one of them. (By torque a joint may be
+// faster then: its torque cannot end at once, and it falls.)
+std::string step_run(CiaMode mode, CiaMode believed, std::uint64_t seed) {
+  Draw random(seed);
+  const auto end = random.uniform() < 0.5 ? robot::SafeEnd::hold : robot::SafeEnd::damp;
+  OwnRig rig(mode, believed, end, {{-1, 1, 0, 0.15 * random.uniform(), robot::DeviceKind::cia402}});
+  if (mode == CiaMode::velocity) rig.stage(kStepAll);
+  if (rig.send(CommandKind::arm) != CommandResult::done) return "not armed";
+  rig.ticks(500);
+  const std::string where = fmt::format("seed {}", seed);
+  double moved_rad = 0, last_rad = rig.q();
+  for (int step = 0; step < 30; ++step) {
+    rig.publish(2 * random.uniform() - 1, 0, wire::Interpolation::hold);
+    const int pause = step == 29 ? 5 : 20 + static_cast<int>(60 * random.uniform());
+    for (int i = 0; i < pause; ++i) {
+      rig.tick();
+      if (std::abs(rig.q()) > 1.1) return where + fmt::format(": at {:.3f} rad, limit 1", rig.q());
+      moved_rad += std::abs(rig.q() - std::exchange(last_rad, rig.q()));
+    }
+    if (rig.mode() != Mode::active) return where + ": it is stopped";
+  }
+  if (moved_rad < 0.3) return where + ": it does not follow";
+  const double before = std::abs(rig.v());
+  rig.fail(0);
+  const Moved seen = moved_in(rig, 2);
+  if (rig.record_.setpoint_position_rad[0] != rig.q()) return where + ": the setpoint is not where the joint is";
+  if (mode == CiaMode::torque) return "";
+  if (seen.speed_rad_s > before + 0.5) return where + fmt::format(": {:.2f} rad/s after the stop", seen.speed_rad_s);
+  const double way_rad = before * before / (2 * kSlowingRadS2) + 0.15;
+  return seen.way_rad > way_rad ? where + fmt::format(": {:.2f} rad after the stop", seen.way_rad) : "";
+}
+
 struct Tally {
   int runs = 0, wrong = 0;
   std::string first;
@@ -198,6 +241,14 @@ TEST(OwnLoop, RecoverIsSlowAndAStopInItLeapsInNoModeOfTheDrive) {
 TEST(OwnLoop, AStopOfAMovingJointLeapsInNoModeOfTheDrive) {
   for (const CiaMode mode : {CiaMode::velocity, CiaMode::position}) {
     const Tally count = run_all(stop_run, mode, mode);
+    EXPECT_EQ(count.wrong, 0) << static_cast<int>(mode) << ": " << count.wrong << " of " << count.runs << ", "
+                              << count.first;
+  }
+}
+
+TEST(OwnLoop, StepsOfTheSetpointLeadNoDriveBeyondALimitAndASafeStopFollowsNone) {
+  for (const CiaMode mode : kModes) {
+    const Tally count = run_all(step_run, mode, mode);
     EXPECT_EQ(count.wrong, 0) << static_cast<int>(mode) << ": " << count.wrong << " of " << count.runs << ", "
                               << count.first;
   }

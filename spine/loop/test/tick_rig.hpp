@@ -182,11 +182,12 @@ class TickBench {
   }
 
   // Publishes a plan that ends at rest at `goal_rad`, and a heartbeat.
-  void publish(double goal_rad, std::int64_t in_ms = 300) {
+  void publish(double goal_rad, std::int64_t in_ms = 300, wire::Interpolation how = wire::Interpolation::cubic) {
     wire::Plan plan;
     plan.plan_id = ++plan_id_;
     plan.waypoint_count = 1;
     plan.joint_count = 1;
+    plan.interpolation = static_cast<std::uint32_t>(how);
     plan.t_ns[0] = now_ns_ + in_ms * kNsPerMs;
     plan.position_rad[0] = goal_rad;
     plan.velocity_rad_s[0] = std::numeric_limits<double>::quiet_NaN();
