@@ -71,11 +71,12 @@ def stress(cores: str, most_s: float) -> Load:
     return Load(asked, (("taskset", "-c", cores, *asked.split(), "--timeout", limits[0]),))
 
 
-def numpy(cores: str, every_core: str, brain: int, most_s: float) -> Load:
-    """Thread sprawl on the Brain's core, and a rogue Brain. Both start on every core: numpy counts those it may use."""
-    words = f"600x600 inversions: a thread for each core, all on core {brain}; the same in a rogue Brain on {cores}"
-    sprawl = ("taskset", "-c", every_core, sys.executable, "-c", SPRAWL, f"{most_s:.0f}")
-    return Load(words, ((*sprawl, str(brain)), (*sprawl, cores)))
+def numpy(every_core: str, brain: int, most_s: float) -> Load:
+    """Thread sprawl on the Brain's core; it starts on every core, since numpy counts those it may use. Beside it runs
+    the program of outsider.py, which nobody pins."""
+    words = f"600x600 inversions: a thread for each core, all on core {brain}; the same in a rogue program, not pinned"
+    sprawl = ("taskset", "-c", every_core, sys.executable, "-c", SPRAWL, f"{most_s:.0f}", str(brain))
+    return Load(words, (sprawl,))
 
 
 def compile_storm(cores: str, most_s: float) -> Load:
@@ -106,7 +107,7 @@ def load_of(workload: str, cores: str, every_core: str, brain: int, folder: Path
         case "stress":
             return stress(cores, most_s)
         case "numpy":
-            return numpy(cores, every_core, brain, most_s)
+            return numpy(every_core, brain, most_s)
         case "compile":
             return compile_storm(cores, most_s)
         case "swap":

@@ -30,7 +30,7 @@ from lithe.errors import LitheError
 from lithe.programs import binary
 
 from bench import report
-from bench.isolation import loads, plot, table
+from bench.isolation import loads, outsider, plot, table
 from bench.isolation.attribution import Trace, accounting
 from bench.isolation.figures import (
     CONTROL,
@@ -137,7 +137,9 @@ class Bench:
         load = loads.load_of(workload, *cores, self.brain, folder, self.plan.most_s())
         log = self.folder / "loads.log"
         self.told |= {f"load_{workload}": load.words, "loads_log": str(log)}
-        with loads.running(load, log) as started:
+        pid = os.environ.get(outsider.PID) if workload == "numpy" else None
+        rogue = outsider.running(int(pid) if pid else None, self.spine, self.told)
+        with loads.running(load, log) as started, rogue:
             offers, swaps = subject.offers(workload == "swap"), loads.swaps_in(log)  # from here on they count
             ticks = stolen_ticks(self.spine)
             for number in range(self.plan.rounds):
@@ -274,10 +276,12 @@ def main(words: list[str]) -> int:
     if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored: under nohup
         signal.signal(signal.SIGHUP, signal.default_int_handler)
     try:
-        if asked.shield and not os.environ.get(SHIELDED):
-            command = shielded(words)
-            os.execve(command[0], command, os.environ | {SHIELDED: "1"})
-        told = measure(plan_of(asked), asked.out)
+        plan = plan_of(asked)
+        command = shielded(words) if asked.shield and not os.environ.get(SHIELDED) else []
+        with outsider.beside("numpy" in plan.workloads):
+            if command:
+                os.execve(command[0], command, os.environ | {SHIELDED: "1"})
+            told = measure(plan, asked.out)
     except report.Unmeasured as why:
         print(f"bench: {why}", file=sys.stderr)
         return 2

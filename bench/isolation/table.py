@@ -70,6 +70,10 @@ def shares(told: Figures, name: str) -> None:
         print(
             f"  {cell(told, 'rig_offers', '.0f')} laws offered to the measured Spine; {swaps} swaps of the second robot"
         )
+    if name == "numpy" and told.get("rogue_looks"):
+        looks = f"{told['rogue_share_on_spine_core']:.1%} of the {told['rogue_looks']} looks"
+        print(f"  the rogue program: {told['rogue_threads']} threads, which may use {told['rogue_may_use']}, ", end="")
+        print(f"ran on {told['rogue_ran_on']}, {looks} on the Spine's core")
     rows = []
     for program, words in WORDS.items():
         if told.get(f"{program}_{name}_p50_us") is not None:

@@ -66,6 +66,8 @@ def doubts(told: Figures, workloads: list[str]) -> list[tuple[str, str]]:
                 found.append(
                     (f"swap: {words} of the second robot in {rounds:.0f} rounds", f"read {told.get('loads_log')}")
                 )
+        if name == "numpy" and (told.get("rogue_ended") or not told.get("rogue_looks")):
+            found.append(("numpy: the rogue program was not seen to run", f"read {told.get('loads_log')}"))
         if told.get(f"load_ended_{name}"):
             found.append((f"{name}: the load ended by itself", f"read {told.get('loads_log')}"))
         if told.get(f"shield_lost_{name}"):

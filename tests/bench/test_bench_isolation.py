@@ -14,6 +14,7 @@ from isolation_records import module, records
 ROOT = Path(__file__).parents[2]
 NAMES = ["stress", "numpy", "compile", "swap", "idle"]
 LIMITS_US = (1, 5, 20, 100)
+ROGUE = ("rogue_threads", "rogue_may_use", "rogue_ran_on")
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def table(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 def good() -> dict[str, Any]:
     """Figures of a run in which every claim holds."""
     told: dict[str, Any] = {"control_over_floor": 900.0, "shielded": True, "loads_log": "loads.log"}
-    told |= {"rig_offers": 100, "second_robot_swaps": 20, "rounds_swap": 20}
+    told |= {"rig_offers": 100, "second_robot_swaps": 20, "rounds_swap": 20, "rogue_looks": 900}
     told |= {"machine_irq_time_accounting": False, "untraced_blocks": 100}
     for name in NAMES:
         told |= {f"steal_share_kernel_{name}": 0.01}
@@ -86,6 +87,8 @@ def test_the_papers_form_has_its_number_of_cycles_of_each_program(monkeypatch: p
             "apt-get install -y --no-install-recommends rt-tests",
         ),
         ({"r999_plain_loop_idle": None}, "idle: no plain_loop", "make bench-isolation"),
+        ({"rogue_looks": 0}, "numpy: the rogue program was not seen to run", "loads.log"),
+        ({"rogue_ended": True}, "numpy: the rogue program was not seen to run", "loads.log"),
         ({"load_ended_stress": True}, "stress: the load ended by itself", "loads.log"),
         ({"shield_lost_swap": True}, "swap: the shield was lowered during the run", "measure again"),
     ],
@@ -306,7 +309,8 @@ def test_results_are_shown_compared_and_put_into_a_table(
     figures: ModuleType, verdict: ModuleType, table: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one, other = result(figures, verdict), result(figures, verdict, late_us=30.0)
-    text = table.text(one)
+    text = table.text(one | {"rogue_looks": 200, "rogue_share_on_spine_core": 0.25} | dict.fromkeys(ROGUE, "0,1"))
+    assert "ran on 0,1, 25.0% of the 200 looks on the Spine's core" in text
     assert "98.3" in text and "3.11" in text and "no network" in text and "verdict: INCONCLUSIVE" in text
     for name, told in (("a", one), ("b", other)):
         (tmp_path / f"{name}.json").write_text(json.dumps(told))
