@@ -208,7 +208,7 @@ class MujocoPlant final : public Mechanism {
       if (id == model_->nsensor) continue;
       ++found;
       for (int i = 0; i < model_->sensor_dim[id]; ++i)
-        imu_[part.channel + static_cast<std::size_t>(i)] = data_->sensordata + model_->sensor_adr[id] + i;
+        imu_[part.channel + static_cast<std::size_t>(i)] = &data_->sensordata[model_->sensor_adr[id] + i];
     }
     if (!wanted || found == 3) return done();
     return Error{

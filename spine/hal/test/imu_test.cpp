@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <fstream>
+#include <numbers>
 #include <string>
 
 #include "spine/hal/test/mechanism_rig.hpp"
@@ -15,7 +16,7 @@ namespace lithe::hal {
 namespace {
 
 constexpr double kGravity = 9.81;
-constexpr double kTrunk_kg_m2 = 0.01, kWheel_kg_m2 = 0.005;
+constexpr double kTrunkKgM2 = 0.01, kWheelKgM2 = 0.005;
 const std::string kSensors =
     "<sensor><framequat objtype='site' objname='imu'/><gyro site='imu'/><accelerometer site='imu'/></sensor>";
 
@@ -65,11 +66,11 @@ TEST(SimulatedImu, InFreeFallThereIsNoAccelerationAndItTurnsWithTheTrunk) {
     for (std::size_t axis = 7; axis < 10; ++axis) ASSERT_NEAR(s(robot, axis), 0, 1e-6) << "tick " << i;
   }
   EXPECT_LT(turned_rad, -0.1) << "against the wheel";
-  const double angle_rad = 2 * std::atan2(s(robot, 3), s(robot, 0)) - M_PI / 2;
+  const double angle_rad = 2 * std::atan2(s(robot, 3), s(robot, 0)) - std::numbers::pi / 2;
   EXPECT_NEAR(angle_rad, turned_rad, 2e-3);
   // Nothing from outside turns them: the trunk has the angular momentum of the wheel, which turns beside it.
   const double wheel_rad_s = s(robot, 6) + robot.state.velocity_rad_s[0];
-  EXPECT_NEAR(kTrunk_kg_m2 * s(robot, 6), -kWheel_kg_m2 * wheel_rad_s, 0.02 * kTrunk_kg_m2 * std::abs(s(robot, 6)));
+  EXPECT_NEAR(kTrunkKgM2 * s(robot, 6), -kWheelKgM2 * wheel_rad_s, 0.02 * kTrunkKgM2 * std::abs(s(robot, 6)));
 
   robot.command.reset_simulation = true;
   robot.cycle();
