@@ -226,6 +226,20 @@ def examine(name: str, bench: Bench) -> Figures:
     }
 
 
+def code() -> str:
+    """The commit that is measured; with "+" when files were changed since."""
+    words = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=ROOT)
+    return done.stdout.strip() or "unknown"
+
+
+def keep(path: Path, figures: Figures) -> list[Figures]:
+    """Appends a run to all that were measured here, whatever its verdict, so that none can be left out; all of them."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(figures | {"code": code()}) + "\n")
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
 def earlier(name: str, here: Figures) -> Figures:
     """The earlier figures of a bench that does not run now, if they are from this machine."""
     try:
@@ -247,6 +261,7 @@ def main(words: list[str]) -> int:
     for name, bench in BENCHES.items():
         if name in wanted:
             own = examine(name, bench)
+            own[f"{name}_runs"] = len(keep(OUT / f"{name}.runs.jsonl", here | own))
             (OUT / f"{name}.json").write_text(json.dumps(here | own, indent=2) + "\n")
             figures = figures | own
         else:
@@ -261,7 +276,7 @@ def main(words: list[str]) -> int:
         print(
             f"  {name}: {figures[f'{name}_verdict']}{why}; load {figures[f'{name}_load_before']:.1f} before, ", end=""
         )
-        print(f"{figures[f'{name}_load_after']:.1f} after")
+        print(f"{figures[f'{name}_load_after']:.1f} after; run {figures[f'{name}_runs']} of those in {name}.runs.jsonl")
     print(f"\nall figures: {path}")
     return 1 if any(figures[f"{name}_verdict"] != "measured" for name in wanted) else 0
 

@@ -29,6 +29,7 @@ CPP = (".cpp", ".hpp", ".c", ".h")
 SPDX = "SPDX-License-Identifier: Apache-2.0"
 NEEDS_SPDX = re.compile(r"(\.(cpp|hpp|c|h|py|sh|toml|cmake|yml)|CMakeLists\.txt|Makefile|tools/setup|\.ci/run)$")
 MAX_MARKDOWN_COLUMNS = 140
+MAX_HEADING_COLUMNS = 90  # a longer one has swallowed the paragraph below it
 MADE_PAGES = re.compile(r"^docs/reference/(cli|python|wire)\.md$|^docs/mistakes\.md$")
 EXEMPTION = re.compile(r'LITHE_RT_EXEMPT\(\s*"([^"]+)"')
 
@@ -114,6 +115,43 @@ def check_columns(path: str, text: str) -> Iterator[str]:
             yield f"{path}:{number}: {len(line)} columns; {MAX_MARKDOWN_COLUMNS} at most: break the line"
 
 
+def prose(text: str) -> Iterator[tuple[int, str]]:
+    """The lines of a page that are not code, with their numbers."""
+    code = False
+    for number, line in enumerate(text.splitlines(), 1):
+        code ^= line.lstrip().startswith("```")
+        if not code:
+            yield number, line
+
+
+def anchors(text: str) -> set[str]:
+    """What a link may name of a page: its headings, as they are shown on the web."""
+    found: Counter[str] = Counter()
+    for _, line in prose(text):
+        if match := re.match(r"#{1,6} (.*)", line):
+            words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", match[1]).lower()
+            found[re.sub(r"[^\w\- ]", "", words).replace(" ", "-")] += 1
+    return {name + (f"-{number}" if number else "") for name, count in found.items() for number in range(count)}
+
+
+def check_links(path: str, text: str, root: Path) -> Iterator[str]:
+    """Links to a file or a heading that is not there, and headings that are a paragraph."""
+    for number, line in prose(text):
+        if line.startswith("#") and len(line) > MAX_HEADING_COLUMNS:
+            yield f"{path}:{number}: a heading of {len(line)} columns; {MAX_HEADING_COLUMNS} at most"
+        for link in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"`[^`]*`", "", line)):
+            name, _, heading = link.partition("#")
+            page = (root / path).parent / name
+            if re.match(r"[a-z]+:", link):
+                continue
+            if not page.exists():
+                yield f"{path}:{number}: there is no file {name}"
+                continue
+            there = text if not name else page.read_text(encoding="utf-8") if page.suffix == ".md" else ""
+            if heading and there and heading not in anchors(there):
+                yield f"{path}:{number}: {name or path} has no heading #{heading}"
+
+
 def check_unfinished(path: str, text: str) -> Iterator[str]:
     """Marks of unfinished work: those belong into an issue."""
     if path.startswith(("tools/lint.py", "tests/tools/")):
@@ -155,6 +193,7 @@ def main(root: Path) -> int:
             problems += check_words(path, (root / path).read_text())
         if path.endswith(".md"):
             problems += check_columns(path, (root / path).read_text())
+            problems += check_links(path, (root / path).read_text(), root)
         if not path.endswith((*CPP, ".py")) and not NEEDS_SPDX.search(path):
             continue
         text = (root / path).read_text()

@@ -237,6 +237,7 @@ def measure(plan: Plan, out: Path) -> Figures:
     told = here | {"isolation_measured_at": began, "isolation_load_before": load} | bench.figures()
     told = {key: plain(value) for key, value in told.items()}
     figures, image, page = (folder / name for name in RESULTS)
+    told["isolation_runs"] = len(report.keep(out / "isolation.runs.jsonl", told))
     figures.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
     figures.replace(out / figures.name)  # before the drawing, which may fail after hours of measuring
     plot.draw(bench.seen, told, image)

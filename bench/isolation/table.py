@@ -112,6 +112,8 @@ def show(told: Figures) -> None:
         if told.get(f"{peer}_absent"):
             print(f"  not measured: {WORDS[peer]}: {told[f'{peer}_absent']}")
     print(f"\nverdict: {told['verdict']}" + (f": {told['reason']}" if told["reason"] else ""))
+    if told.get("isolation_runs"):
+        print(f"  run {told['isolation_runs']} of those in isolation.runs.jsonl")
     if told["conclusive_with"]:
         print(f"  next: {told['conclusive_with']}")
 

@@ -271,10 +271,13 @@ def main(words: list[str]) -> int:
     if asked.swaps < 1:
         parser.error("--swaps is at least 1")
     told = report.machine() | {key: plain(value) for key, value in measure(asked.swaps, asked.out / "swap").items()}
+    runs = report.keep(asked.out / "swap.runs.jsonl", told)
+    told["swap_runs"] = len(runs)
     path = asked.out / "swap.json"
     path.write_text(json.dumps(told, indent=2) + "\n")
     table.show(told)
     continuity.show(told)
     table.show_verdict(told)
+    table.show_runs(runs)
     print(f"\nall figures: {path}")
     return 0 if told["swap_verdict"] == "measured" else 1

@@ -33,6 +33,19 @@ def show_verdict(told: Figures) -> None:
     print(f"{cell(told, 'swap_load_after', '.1f')} after")
 
 
+def show_runs(runs: list[Figures]) -> None:
+    """Every run that was measured here, the last one at the end."""
+    rows = []
+    for told in runs:
+        row = [f"{told['swap_measured_at']} {told['code']}", f"{told['swaps']}", str(told["swap_verdict"])]
+        for limit_us in LIMITS_US:
+            key = f"trial_jitter_over_{limit_us}us_difference"
+            row.append(" .. ".join(cell(told, f"{key}_{end}", "+.3%") for end in ("low", "high")))
+        rows.append(row)
+    head = ["", "swaps", "verdict", *(f"> {limit_us} us (95 %)" for limit_us in LIMITS_US)]
+    table("all runs here: share of late ticks while swapping minus that beside trials alone", head, rows)
+
+
 def show_lost(told: Figures) -> None:
     """Lost ticks, both counts, and the interval of the difference."""
     rows = []

@@ -62,6 +62,20 @@ def test_what_was_measured_is_told_with_its_machine(
     assert not any(isinstance(value, dict | list) for value in told.values()), "flat"
 
 
+def test_every_run_is_kept_also_one_that_decides_nothing(
+    report: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = GOOD | {"jitter_stolen_share": 0.4}
+    for figures, code, number in ((bad, 1, 1), (GOOD, 0, 2), (bad, 1, 3)):
+        runs(report, monkeypatch, figures)
+        assert report.main(["jitter"]) == code
+        assert summary(tmp_path)["jitter_runs"] == number
+        assert f"run {number} of those in jitter.runs.jsonl" in capsys.readouterr().out
+    kept = [json.loads(line) for line in (tmp_path / "jitter.runs.jsonl").read_text().splitlines()]
+    assert [each["jitter_verdict"] for each in kept] == ["INCONCLUSIVE", "measured", "INCONCLUSIVE"]
+    assert all(each["code"] and each["machine_cpu"] for each in kept)
+
+
 def test_the_cores_of_the_benches_are_told_with_how_they_are_isolated(
     report: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The text rules see what they are there to see."""
 
+from pathlib import Path
+
 import cpp_text
 import lint
 
@@ -127,3 +129,13 @@ def test_a_long_line_of_markdown_is_found_but_not_in_a_table_in_code_or_without_
         long[:140],
     ):
         assert list(lint.check_columns("docs/a.md", f"{line}\n")) == [], line
+
+
+def test_a_link_leads_to_a_file_and_a_heading_that_are_there(tmp_path: Path) -> None:
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs/b.md").write_text("# B\n## The `x` of [Y](z)\n## Twice\n## Twice\n```\n## Not\n```\n")
+    good = "[a](b.md) [b](b.md#the-x-of-y) [c](b.md#twice-1) [d](#here) [e](https://a.b/c#d) `[f](g)`\n## Here\n"
+    assert list(lint.check_links("docs/a.md", good, tmp_path)) == []
+    bad = ("[a](c.md)", "[b](b.md#the-x)", "[c](b.md#twice-2)", "[d](#there)", "[e](b.md#not)", "## " + "word " * 20)
+    for line in bad:
+        assert len(list(lint.check_links("docs/a.md", f"{line}\n## Here\n", tmp_path))) == 1, line

@@ -89,7 +89,6 @@ def test_a_command_that_shows_something_passes(shown_by: str) -> None:
     [
         ("| a | surely | | `LICENSE` |", "'surely'; say one of yes, more, partly, no"),
         ("| a | yes | `LICENSE` |", "3 columns"),
-        ("| a | yes | ![x](img/nothing.svg) | `LICENSE` |", "docs/img/nothing.svg"),
         ("| a | partly | | `LICENSE`, `README.md` |", "README.md is a file"),
     ],
 )
