@@ -54,15 +54,16 @@ void Interpolator::step_to(std::size_t knot, std::int64_t now_ns) LITHE_RT {
 }
 
 void Interpolator::fade_steps(std::int64_t now_ns) LITHE_RT {
+  constexpr double kNothing = 1e-9;  // becomes 0: denormal numbers are slow
   const double since_s = static_cast<double>(now_ns - faded_to_ns_) * 1e-9;
   faded_to_ns_ = now_ns;
   const double left = std::max(0.0, 1 - since_s / kStepS);
   for (std::size_t j = 0; j < limits_.joints; ++j) {
-    double& stepped = setpoint_.stepped_rad[j];
+    double &stepped = setpoint_.stepped_rad[j], &speed = setpoint_.step_rad_s[j];
     const double rad = std::abs(stepped);
     const double rad_s = std::min(rad / kStepFadesS, 0.5 * limits_.joint[j].velocity_max_rad_s);
-    stepped -= std::copysign(std::min(rad, rad_s * since_s), stepped);
-    setpoint_.step_rad_s[j] *= left;
+    stepped = rad < kNothing ? 0.0 : stepped - std::copysign(std::min(rad, rad_s * since_s), stepped);
+    speed = std::abs(speed) < kNothing ? 0.0 : speed * left;
   }
 }
 

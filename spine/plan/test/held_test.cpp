@@ -123,6 +123,9 @@ TEST(Held, WhatIsLeftOfAStepFadesButNoFasterThanTheJointCouldGo) {
   EXPECT_NEAR(bench.interpolator.setpoint().stepped_rad[0], 1.0, 1e-9);  // half of 2 rad/s, for a second
   for (int t_ms = 1002; t_ms <= 6001; ++t_ms) bench.at(t_ms);
   EXPECT_LT(bench.interpolator.setpoint().stepped_rad[0], 1e-3);
+  for (int t_ms = 6002; t_ms <= 20'000; ++t_ms) bench.at(t_ms);
+  EXPECT_EQ(bench.interpolator.setpoint().stepped_rad[0], 0.0) << "not denormal in the end";
+  EXPECT_EQ(bench.interpolator.setpoint().step_rad_s[0], 0.0);
 }
 
 TEST(Held, TheSpeedOfManyStepsIsThatOfTheirMotion) {
