@@ -44,6 +44,8 @@ struct DeviceType {
   bool (*is_own)(const Frame&) LITHE_RT = nullptr;
   std::unique_ptr<Scanner> (*make_scanner)() = nullptr;
   FrameText (*frame_text)(const Frame&, const FrameContext&) = nullptr;
+  // Scanner, of a device of the file that answers: why it would not do, found by reading alone; empty = not known.
+  std::string (*look)(const robot::RobotConfig&, const robot::DeviceConfig&, const AskedBus&) = nullptr;
   // Of a CANopen device: the low half of object 1000h.
   std::uint32_t profile = 0;
   std::string_view unfit{};  // advice for a node on its bus with another profile

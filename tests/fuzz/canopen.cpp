@@ -23,7 +23,8 @@ constexpr int kMostSteps = 128;
 // Whatever was heard: with nobody there it gives up in bounded time, and says so.
 void comes_to_an_end(SdoClient& client, std::int64_t now_ns) {
   Frame frame;
-  for (int i = 0; i < 32 && client.outcome() == Outcome::busy; ++i) client.next(now_ns += SdoClient::kTimeoutNs, frame);
+  for (int i = 0; i < 32 && client.outcome() == Outcome::busy; ++i)
+    client.next(now_ns += SdoClient::kTimeoutsNs.back(), frame);
   require(client.outcome() != Outcome::busy, "a transfer that nobody answers ends");
 }
 
@@ -41,7 +42,7 @@ void client_hears(Input& input) {
     const Address address{input.number<std::uint16_t>(), input.byte()};
     if (what % 8 == 0) client.read(address);
     if (what % 8 == 1) client.write(address, input.number<std::uint32_t>(), 1 + what / 8 % 4);
-    if (what % 8 == 2) now_ns += SdoClient::kTimeoutNs;
+    if (what % 8 == 2) now_ns += SdoClient::kTimeoutsNs.back();
     if (what % 8 == 3) client.forget();
     if (client.next(now_ns, frame)) check_sent(frame);
     if (what % 8 < 4) continue;

@@ -66,16 +66,10 @@ void receive_for(const AskedBus& line, std::int64_t for_ns, const std::function<
 std::optional<std::string> read_object(const AskedBus& line, std::uint32_t node, Address address) {
   SdoClient client(node);
   client.read(address);
-  while (client.outcome() == SdoClient::Outcome::busy) {
-    Frame frame;
-    if (client.next(line.time.now_ns(), frame)) {
-      line.bus.begin(line.time.now_ns());
-      line.bus.send(frame);
-      line.bus.flush();
-    }
-    receive_for(line, kBatchNs,
-                [&](const Frame& answer) { return node_of(answer) == node && client.on_frame(answer); });
-  }
+  converse(
+      line, node, [&](std::int64_t now_ns, Frame& frame) { return client.next(now_ns, frame); },
+      [&](const Frame& answer) { return client.on_frame(answer); },
+      [&] { return client.outcome() != SdoClient::Outcome::busy; });
   if (client.outcome() != SdoClient::Outcome::done) return std::nullopt;
   const auto data = client.data();
   return std::string(data.begin(), data.end());
@@ -174,6 +168,19 @@ class CanopenScanner final : public Scanner {
 };
 
 }  // namespace
+
+void converse(const AskedBus& line, std::uint32_t node, const std::function<bool(std::int64_t now_ns, Frame&)>& next,
+              const std::function<bool(const Frame&)>& take, const std::function<bool()>& over) {
+  while (!over()) {
+    Frame frame;
+    if (next(line.time.now_ns(), frame)) {
+      line.bus.begin(line.time.now_ns());
+      line.bus.send(frame);
+      line.bus.flush();
+    }
+    receive_for(line, kBatchNs, [&](const Frame& answer) { return node_of(answer) == node && take(answer); });
+  }
+}
 
 std::unique_ptr<Scanner> make_scanner() { return std::make_unique<CanopenScanner>(); }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "spine/hal/canopen/canopen_sdo.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -58,6 +60,12 @@ constexpr Names kAborts[] = {
 
 std::string_view abort_name(std::uint32_t code) LITHE_RT {
   return name_in(kAborts, code, "a reason of the maker's own");
+}
+
+void ObjectList::add(Address address) {
+  if (address.index == last_ || address.index == without_) return;
+  last_ = address.index;
+  text_ += fmt::format("{}{:04X}h", text_.empty() ? "" : ", ", address.index);
 }
 
 std::uint32_t milliseconds(double seconds) {
@@ -124,11 +132,10 @@ void SdoClient::write(Address address, std::uint32_t value, std::size_t bytes) L
 
 bool SdoClient::send_start(std::int64_t now_ns, Frame& frame) LITHE_RT {
   frame = writing_ ? sdo_write_request(node_, address_, value_, bytes_) : sdo_read_request(node_, address_);
-  ++attempts_;
+  deadline_ns_ = now_ns + kTimeoutsNs[attempts_++];
   received_ = 0;
   segments_ = 0;
   toggle_ = false;
-  deadline_ns_ = now_ns + kTimeoutNs;
   phase_ = Phase::await_start;
   return true;
 }
@@ -139,7 +146,7 @@ bool SdoClient::next(std::int64_t now_ns, Frame& frame) LITHE_RT {
       return send_start(now_ns, frame);
     case Phase::segment:
       frame = sdo_segment_request(node_, toggle_);
-      deadline_ns_ = now_ns + kTimeoutNs;
+      deadline_ns_ = now_ns + kTimeoutsNs[attempts_ - 1];
       phase_ = Phase::await_segment;
       return true;
     case Phase::await_start:
@@ -148,7 +155,7 @@ bool SdoClient::next(std::int64_t now_ns, Frame& frame) LITHE_RT {
       // The node may still be busy with the old transfer: abort it before the next request.
       frame = sdo_abort(cob::kSdoRequest + node_, address_, abort_code::kTimedOut);
       abort_ = abort_code::kTimedOut;
-      phase_ = attempts_ < kAttempts ? Phase::start : Phase::failed;
+      phase_ = attempts_ < kTimeoutsNs.size() ? Phase::start : Phase::failed;
       return true;
     case Phase::give_up:
       frame = sdo_abort(cob::kSdoRequest + node_, address_, abort_);
@@ -208,7 +215,7 @@ bool SdoClient::on_segment(const Frame& frame) LITHE_RT {
   const std::uint8_t command = frame.data[0];
   if (command == kAbort) return fail(little_endian(frame.data.data() + 4, 4), Phase::failed);
   if ((command & kKind) != kSegmentAnswer) return stray();
-  if (((command & kToggle) != 0) != toggle_) return fail(abort_code::kToggle, Phase::give_up);
+  if (((command & kToggle) != 0) != toggle_) return stray();  // the segment before, once more
   const std::size_t bytes = kSegment - ((command >> 1) & 7U);
   // Counts segments, so that endless empty segments end too.
   if (received_ + bytes > kLongest || ++segments_ > kLongest) return fail(abort_code::kOutOfMemory, Phase::give_up);

@@ -14,6 +14,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <string_view>
 
 #include "spine/core/rt.hpp"
@@ -51,6 +52,13 @@ struct Address {
   bool operator==(const Address&) const = default;
 };
 
+// The object that an entry of a PDO mapping (1600h to 17FFh, 1A00h to 1BFFh) names; of another object: itself.
+inline Address mapped_or_self(Address address, std::uint32_t value) LITHE_RT {
+  const int block = address.index & 0xfe00;
+  const bool entry = (block == 0x1600 || block == 0x1a00) && address.subindex > 0;
+  return entry ? Address{static_cast<std::uint16_t>(value >> 16), static_cast<std::uint8_t>(value >> 8)} : address;
+}
+
 // Why a node is not ready: a kind of its profile (0 = it is ready), the object it is about, and a number.
 template <class Kind>
 struct NotReady {
@@ -68,6 +76,19 @@ struct NotReady {
             {static_cast<std::uint16_t>(word >> 32), static_cast<std::uint8_t>(word >> 48)},
             static_cast<std::uint32_t>(word)};
   }
+};
+
+// The indices of these objects but for one, once each, for example "1600h, 6007h".
+// Contract: never in the tick
+class ObjectList {
+ public:
+  explicit ObjectList(std::uint16_t without) : last_(without), without_(without) {}
+  void add(Address address);
+  const std::string& text() const { return text_; }
+
+ private:
+  std::uint16_t last_, without_;
+  std::string text_;
 };
 
 // Seconds as the milliseconds of an object, 1 to 65535.
@@ -88,13 +109,16 @@ Address sdo_address(const Frame& frame) LITHE_RT;
 // Number of bytes in an expedited transfer; 4 when it is not given.
 std::size_t sdo_expedited_bytes(std::uint8_t command) LITHE_RT;
 
-// One transfer at a time with one node; at most one frame leaves per call of next().
+// One transfer at a time with one node; at most one frame leaves per call of next(). A request
+// without an answer is aborted and repeated, three times in all, and each waits longer (kTimeoutsNs). An answer counts
+// for as long as its object is asked for, so up to 1.4 s after the first request; one that comes later, or twice, is
+// dropped. (An SDO has no number: of one object, the answer to the first request and that to the second are alike.)
 // Contract: RT · one thread · time is an argument · answers are bounded by kLongest
 class SdoClient {
  public:
   static constexpr std::size_t kLongest = 64;  // bytes of an upload; a longer one is aborted
-  static constexpr std::uint32_t kAttempts = 3;
-  static constexpr std::int64_t kTimeoutNs = 100'000'000;  // long, because a drive may store the value
+  // Of each attempt. The first is short, because a frame may be lost; the last long, since a drive may store the value.
+  static constexpr std::array<std::int64_t, 3> kTimeoutsNs{100'000'000, 300'000'000, 1'000'000'000};
 
   enum class Outcome : std::uint8_t { idle, busy, done, failed };
 
@@ -137,7 +161,7 @@ class SdoClient {
   std::size_t bytes_ = 0;
   std::size_t received_ = 0;
   std::uint32_t segments_ = 0;
-  std::uint32_t attempts_ = 0;
+  std::size_t attempts_ = 0;
   std::uint32_t abort_ = abort_code::kNone;
   std::uint64_t strays_ = 0;
   std::int64_t deadline_ns_ = 0;

@@ -6,11 +6,13 @@
 
 #include <array>
 #include <cstdint>
+#include <deque>
 #include <limits>
 #include <random>
 #include <set>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "spine/hal/canopen/canopen_pdo.hpp"
 #include "spine/hal/canopen/canopen_sdo.hpp"
@@ -215,9 +217,9 @@ TEST_F(SdoClientTest, AnAbortEndsItWithItsReason) {
 
 TEST_F(SdoClientTest, SilenceIsAskedThreeTimesAndEachTimeTakenBack) {
   client_.write({0x6060, 0}, 8, 1);
-  for (int attempt = 0; attempt < 3; ++attempt) {
+  for (const std::int64_t timeout_ns : SdoClient::kTimeoutsNs) {
     EXPECT_EQ(sends(), "601#2f60600008000000");
-    now_ns_ += SdoClient::kTimeoutNs - 1;
+    now_ns_ += timeout_ns - 1;
     EXPECT_EQ(sends(), "");
     now_ns_ += 1;
     EXPECT_EQ(sends(), "601#8060600000000405");
@@ -244,15 +246,62 @@ TEST_F(SdoClientTest, AnswersToSomethingElseAreCountedAndPassedOver) {
   EXPECT_TRUE(takes("581#4300100092010200"));
 }
 
-TEST_F(SdoClientTest, SegmentsThatDoNotAlternateOrNeverEndAreGivenUp) {
+TEST_F(SdoClientTest, AnAnswerThatComesTwiceIsDroppedAlsoWhileTheNextOneIsAwaited) {
+  client_.write({0x6007, 0}, 3, 2);
+  sends();
+  EXPECT_TRUE(takes("581#6007600000000000"));
+  EXPECT_FALSE(takes("581#6007600000000000"));
+  client_.write({0x605a, 0}, 2, 2);
+  sends();
+  EXPECT_FALSE(takes("581#6007600000000000"));
+  EXPECT_EQ(client_.outcome(), Outcome::busy);
+  EXPECT_EQ(client_.strays(), 2U);
+}
+
+TEST_F(SdoClientTest, ASegmentThatComesTwiceIsTakenOnce) {
   client_.read({0x1008, 0});
   sends();
-  takes("581#4108100009000000");
+  EXPECT_TRUE(takes("581#4108100009000000"));
   sends();
-  takes("581#1061626364656667");
-  EXPECT_EQ(sends(), "601#8008100000000305");
-  EXPECT_EQ(client_.outcome(), Outcome::failed);
+  EXPECT_TRUE(takes("581#0061626364656667"));
+  EXPECT_FALSE(takes("581#0061626364656667"));
+  sends();
+  EXPECT_FALSE(takes("581#0061626364656667"));
+  EXPECT_TRUE(takes("581#1b68690000000000"));
+  EXPECT_EQ(std::string(client_.data().begin(), client_.data().end()), "abcdefghi");
+}
 
+// A node that needs 600 ms for each answer and answers every request, aborted or not.
+TEST_F(SdoClientTest, AnswersThatCome600MsLateAreEachTakenOnce) {
+  constexpr std::int64_t kLateNs = 600 * kMs;
+  std::deque<std::pair<std::int64_t, Frame>> coming;
+  for (const std::uint16_t index : std::initializer_list<std::uint16_t>{0x1016, 0x6007, 0x605a, 0x6072}) {
+    client_.write({index, 0}, 3, 2);
+    while (client_.outcome() == Outcome::busy) {
+      Frame sent;
+      if (client_.next(now_ns_, sent) && sent.data[0] != 0x80)
+        coming.emplace_back(now_ns_ + kLateNs, sdo_written_answer(1, sdo_address(sent)));
+      now_ns_ += kMs;
+      for (; !coming.empty() && coming.front().first <= now_ns_; coming.pop_front())
+        EXPECT_EQ(client_.on_frame(coming.front().second), sdo_address(coming.front().second).index == index);
+    }
+    EXPECT_EQ(client_.outcome(), Outcome::done) << std::hex << index;
+  }
+  EXPECT_GT(client_.strays(), 0U) << "those of the second and third request";
+}
+
+TEST_F(SdoClientTest, AnAnswerAfterTheLastTimeoutIsDropped) {
+  client_.read({0x6076, 0});
+  for (const std::int64_t timeout_ns : SdoClient::kTimeoutsNs) {
+    sends();
+    now_ns_ += timeout_ns;
+    EXPECT_EQ(sends(), "601#8076600000000405") << "aborted";
+  }
+  EXPECT_FALSE(takes("581#43766000f4010000"));
+  EXPECT_EQ(client_.outcome(), Outcome::failed);
+}
+
+TEST_F(SdoClientTest, SegmentsThatNeverEndAreGivenUp) {
   client_.read({0x1008, 0});
   sends();
   takes("581#4008100000000000");  // of a length it does not say

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string_view>
 #include <utility>
@@ -31,6 +32,10 @@ std::string_view emergency_name(std::uint16_t code);
 std::string_view word(NmtState state);
 std::string_view word(NmtCommand command);
 
+// Sends what `next` gives, and hands `take` the answers of this node, until `over`.
+// Contract: as hal::Scanner::ask
+void converse(const AskedBus& line, std::uint32_t node, const std::function<bool(std::int64_t now_ns, Frame&)>& next,
+              const std::function<bool(const Frame&)>& take, const std::function<bool()>& over);
 // Asks every id for object 1000h, then those that answered for their identity. Up to 4 s on a slow bus.
 std::unique_ptr<Scanner> make_scanner();
 // Any bytes are safe.

@@ -21,8 +21,10 @@ constexpr std::uint8_t kEventTimerMs = 5;     // subindex of 1800h
 
 }  // namespace
 
-std::string describe(const NotReadyReason& not_ready) {
-  const std::string object = fmt::format("object {:04x}h:{}", not_ready.address.index, not_ready.address.subindex);
+namespace {
+
+std::string sentence(const NotReadyReason& not_ready) {
+  const std::string object = fmt::format("object {:04X}h:{:02X}", not_ready.address.index, not_ready.address.subindex);
   switch (not_ready.kind) {
     case NotReadyKind::none:
       break;
@@ -42,6 +44,12 @@ std::string describe(const NotReadyReason& not_ready) {
       return "its heartbeat has ended: check power and wires; it is reset every 5 s";
   }
   return "";
+}
+
+}  // namespace
+
+std::string describe(const NotReadyReason& not_ready, const std::string& lacking) {
+  return sentence(not_ready) + (lacking.empty() ? "" : "; it lacks " + lacking + ", too");
 }
 
 Setup::Setup(const ModuleParams& params) : client_(params.id) {
@@ -72,8 +80,10 @@ void Setup::add_pdo(std::size_t number, const ModuleParams& params) {
   add(communication, 1, id, 4);
 }
 
-void Setup::begin() LITHE_RT {
+void Setup::begin(bool look) LITHE_RT {
   at_ = 0;
+  only_looks_ = look;
+  lacks_ = 0;
   not_ready_ = {};
   client_.forget();
 }
@@ -82,34 +92,52 @@ bool Setup::next(std::int64_t now_ns, Frame& frame) LITHE_RT {
   if (at_ >= count_) return false;
   const Step& step = steps_[at_];
   if (client_.outcome() == SdoClient::Outcome::idle) {
-    if (step.bytes > 0)
-      client_.write(step.address, step.value, step.bytes);
+    if (step.bytes == 0 || only_looks_)
+      client_.read(only_looks_ ? canopen::mapped_or_self(step.address, step.value) : step.address);
     else
-      client_.read(step.address);
+      client_.write(step.address, step.value, step.bytes);
   }
   return client_.next(now_ns, frame);
 }
 
 Setup::Progress Setup::advance() LITHE_RT {
-  if (not_ready_.kind != NotReadyKind::none) return Progress::failed;
-  if (at_ >= count_) return Progress::done;
+  const auto end = [this]()
+                       LITHE_RT { return not_ready_.kind == NotReadyKind::none ? Progress::done : Progress::failed; };
+  if (at_ >= count_) return end();
   const Step& step = steps_[at_];
   const SdoClient::Outcome outcome = client_.outcome();
   if (outcome == SdoClient::Outcome::idle || outcome == SdoClient::Outcome::busy) return Progress::busy;
-  if (outcome == SdoClient::Outcome::failed) {
-    const std::uint32_t why = client_.abort();
-    const bool nobody = why == canopen::abort_code::kTimedOut;
-    const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
-    if (!lacks || !step.may_lack) {
-      not_ready_ = {nobody ? NotReadyKind::no_answer : NotReadyKind::refused, step.address, why};
-      return Progress::failed;
-    }
-  } else if (step.bytes == 0 && (client_.value() & 0xffff) != kDeviceProfile) {
-    not_ready_ = {NotReadyKind::no_module, step.address, client_.value()};
-    return Progress::failed;
-  }
+  const std::uint32_t why = outcome == SdoClient::Outcome::failed ? client_.abort() : canopen::abort_code::kNone;
+  if (why != canopen::abort_code::kNone)
+    bear(step, why);
+  else if (step.bytes == 0 && (client_.value() & 0xffff) != kDeviceProfile)
+    refuse(NotReadyKind::no_module, step, client_.value());
   client_.forget();
-  return ++at_ >= count_ ? Progress::done : Progress::busy;
+  if (why == canopen::abort_code::kTimedOut) return Progress::failed;
+  only_looks_ = only_looks_ || not_ready_.kind != NotReadyKind::none;
+  return ++at_ >= count_ ? end() : Progress::busy;
+}
+
+void Setup::bear(const Step& step, std::uint32_t why) LITHE_RT {
+  if (why == canopen::abort_code::kTimedOut) return refuse(NotReadyKind::no_answer, step, why);
+  const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
+  if (lacks && step.may_lack) return;
+  if (only_looks_ && !lacks) return;  // it is there, though it cannot be read
+  if (only_looks_) lacks_ |= std::uint64_t{1} << at_;
+  refuse(NotReadyKind::refused, step, why);
+}
+
+// The first reason stays.
+void Setup::refuse(NotReadyKind kind, const Step& step, std::uint32_t value) LITHE_RT {
+  const canopen::Address at = only_looks_ ? canopen::mapped_or_self(step.address, step.value) : step.address;
+  if (not_ready_.kind == NotReadyKind::none) not_ready_ = {kind, at, value};
+}
+
+std::string Setup::lacking(std::uint64_t lacks, std::uint16_t but_for) const {
+  canopen::ObjectList list(but_for);
+  for (std::size_t i = 0; i < count_; ++i)
+    if ((lacks >> i & 1U) != 0) list.add(canopen::mapped_or_self(steps_[i].address, steps_[i].value));
+  return list.text();
 }
 
 Module::Module(const ModuleParams& params) : params_(params), setup_(params) {
@@ -117,6 +145,11 @@ Module::Module(const ModuleParams& params) : params_(params), setup_(params) {
   params_.inputs.analog = std::min<std::uint32_t>(params.inputs.analog, kAnalog);
   for (std::size_t i = 0; i < kPdos; ++i) maps_[i] = pdo_map(i, params_.inputs);
   watch_anew();
+}
+
+std::string Module::why_not_ready() const {
+  const NotReadyReason why = NotReadyReason::unpacked(not_ready_.load(std::memory_order_relaxed));
+  return describe(why, setup_.lacking(lacks_.load(std::memory_order_relaxed), why.address.index));
 }
 
 // From its next heartbeat on.
@@ -155,7 +188,7 @@ void Module::judge_setup(std::int64_t now_ns) LITHE_RT {
   const Setup::Progress progress = setup_.advance();
   if (progress == Setup::Progress::done) stage_ = Stage::start;
   if (progress != Setup::Progress::failed) return;
-  tell(setup_.not_ready());
+  tell(setup_.not_ready(), setup_.lacks());
   stage_ = Stage::refused;
   since_ns_ = now_ns;
 }
@@ -228,13 +261,31 @@ bool Module::read(Block block, std::size_t channel, std::int64_t now_ns, double&
   return true;
 }
 
-std::unique_ptr<SensorDevice> make_module(const robot::DeviceConfig& device) {
+namespace {
+
+ModuleParams params_of(const robot::DeviceConfig& device) {
   ModuleParams params;
   params.id = device.id;
   params.inputs = device.keys.cia401.inputs;
   params.send_every_s = device.keys.cia401.send_every_s;
   params.stale_ns = std::llround(1e9 * device.watchdog_s);
-  return std::make_unique<Module>(params);
+  return params;
+}
+
+}  // namespace
+
+std::unique_ptr<SensorDevice> make_module(const robot::DeviceConfig& device) {
+  return std::make_unique<Module>(params_of(device));
+}
+
+std::string look(const robot::RobotConfig& /*robot*/, const robot::DeviceConfig& device, const AskedBus& line) {
+  Setup setup(params_of(device));
+  setup.begin(true);
+  canopen::converse(
+      line, device.id, [&](std::int64_t now_ns, Frame& frame) { return setup.next(now_ns, frame); },
+      [&](const Frame& frame) { return setup.on_frame(frame); },
+      [&] { return setup.advance() != Setup::Progress::busy; });
+  return describe(setup.not_ready(), setup.lacking(setup.lacks(), setup.not_ready().address.index));
 }
 
 PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& /*bus*/) {

@@ -42,19 +42,21 @@ enum class NotReadyKind : std::uint8_t {
 
 using NotReadyReason = canopen::NotReady<NotReadyKind>;
 
-// One sentence; empty for none.
+// One sentence; empty for none. `lacking`: what it lacks beside that (Setup::lacking).
 // Contract: never in an exchange's thread
-std::string describe(const NotReadyReason& not_ready);
+std::string describe(const NotReadyReason& not_ready, const std::string& lacking);
 
-// Set-up of a module: a list of SDO transfers, executed one at a time.
-// Contract: RT but for the constructor · one thread · time is an argument
+// Set-up of a module: a list of SDO transfers, executed one at a time. After the first refusal it only reads on,
+// to learn which other objects the module lacks.
+// Contract: RT but for the constructor and lacking() · one thread, lacking() any · time is an argument
 class Setup {
  public:
   explicit Setup(const ModuleParams& params);
 
   enum class Progress : std::uint8_t { busy, done, failed };
 
-  void begin() LITHE_RT;
+  // `look`: reads what it would write, and changes nothing.
+  void begin(bool look = false) LITHE_RT;
   // At most one frame. False: nothing to send now.
   bool next(std::int64_t now_ns, Frame& frame) LITHE_RT;
   // Handles an answer. False: not one to the present request.
@@ -62,6 +64,9 @@ class Setup {
   // Call after an answer, and once per exchange: a request may have timed out.
   Progress advance() LITHE_RT;
   const NotReadyReason& not_ready() const LITHE_RT { return not_ready_; }
+  // The steps whose objects the module lacks, a bit each; and those objects as text, but for this one.
+  std::uint64_t lacks() const LITHE_RT { return lacks_; }
+  std::string lacking(std::uint64_t lacks, std::uint16_t but_for) const;
 
  private:
   struct Step {
@@ -70,15 +75,19 @@ class Setup {
     std::uint8_t bytes;  // 0: read, and compare the profile
     bool may_lack;       // the module need not have the object
   };
-  static constexpr std::size_t kMostSteps = 48;
+  static constexpr std::size_t kMostSteps = 48;  // lacks_ has 64 bits
 
   void add(std::uint16_t index, std::uint8_t subindex, std::uint32_t value, std::uint8_t bytes, bool may_lack = false);
   void add_pdo(std::size_t number, const ModuleParams& params);
+  void bear(const Step& step, std::uint32_t why) LITHE_RT;
+  void refuse(NotReadyKind kind, const Step& step, std::uint32_t value) LITHE_RT;
 
   canopen::SdoClient client_;
   std::array<Step, kMostSteps> steps_{};
   std::size_t count_ = 0;
   std::size_t at_ = 0;
+  bool only_looks_ = false;
+  std::uint64_t lacks_ = 0;
   NotReadyReason not_ready_;
 };
 
@@ -102,9 +111,7 @@ class Module final : public SensorDevice {
   void step(const Exchange& exchange, Bus& bus) LITHE_RT override;
   bool read(Block block, std::size_t channel, std::int64_t now_ns, double& raw) const LITHE_RT override;
   std::uint64_t malformed() const LITHE_RT override { return malformed_; }
-  std::string why_not_ready() const override {
-    return describe(NotReadyReason::unpacked(not_ready_.load(std::memory_order_relaxed)));
-  }
+  std::string why_not_ready() const override;
 
   bool running() const LITHE_RT { return stage_ == Stage::running; }
 
@@ -116,8 +123,10 @@ class Module final : public SensorDevice {
   void watch_anew() LITHE_RT;
   void set_up_anew() LITHE_RT;
   void judge_setup(std::int64_t now_ns) LITHE_RT;
-  // Relaxed: the word is self-contained. Pairs with why_not_ready().
-  void tell(const NotReadyReason& not_ready) LITHE_RT {
+  // Relaxed: each word is self-contained; between the two a reader may see an old list with a new reason, once. Pairs
+  // with why_not_ready().
+  void tell(const NotReadyReason& not_ready, std::uint64_t lacks = 0) LITHE_RT {
+    lacks_.store(lacks, std::memory_order_relaxed);
     not_ready_.store(not_ready.packed(), std::memory_order_relaxed);
   }
 
@@ -132,11 +141,15 @@ class Module final : public SensorDevice {
   std::array<std::uint8_t, kDigital / 8> digital_{};
   std::array<std::int16_t, kAnalog> analog_{};
   std::uint64_t malformed_ = 0;
-  std::atomic<std::uint64_t> not_ready_{};  // NotReadyReason::packed(); stored by the exchange's thread, loaded by any
+  // Both stored by the exchange's thread, loaded by any.
+  std::atomic<std::uint64_t> not_ready_{};  // NotReadyReason::packed()
+  std::atomic<std::uint64_t> lacks_{};      // Setup::lacks(), of the same reason
 };
 
 // Of a robot file: what the registry's row needs of it.
 std::unique_ptr<SensorDevice> make_module(const robot::DeviceConfig& device);
+// Reads what the set-up would write, and changes nothing: why the module would not do; empty = nothing is known.
+std::string look(const robot::RobotConfig& robot, const robot::DeviceConfig& device, const AskedBus& line);
 PlannedFrames planned_frames(const robot::DeviceConfig& device, const robot::BusConfig& bus);
 
 bool process_map(const robot::DeviceConfig& device, std::uint32_t id, canopen::PdoMap& map);

@@ -137,7 +137,7 @@ void Cia402Drive::progress(const Exchange& exchange, Bus& bus) LITHE_RT {
       silent_ ? drop({NotReadyKind::silent, {}, 0}) : set_not_ready({});
       return;
     case Setup::Progress::failed:
-      set_not_ready(setup_.not_ready());
+      set_not_ready(setup_.not_ready(), setup_.lacks());
       // A lost drive may have been replaced, so it is set up again; one that refused will refuse again.
       stage_ = setup_.not_ready().kind == NotReadyKind::no_answer ? Stage::reset : Stage::refused;
   }
@@ -149,14 +149,17 @@ bool Cia402Drive::reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT {
   return bus.send(canopen::nmt_frame(NmtCommand::reset_node, params_.id));
 }
 
-void Cia402Drive::set_not_ready(const NotReadyReason& not_ready) LITHE_RT {
-  // Relaxed: the word is self-contained. Pairs with why_not_ready().
+void Cia402Drive::set_not_ready(const NotReadyReason& not_ready, std::uint64_t lacks) LITHE_RT {
+  // Relaxed: each word is self-contained; between the two a reader may see an old list with a new reason, once. Pairs
+  // with why_not_ready().
+  lacks_.store(lacks, std::memory_order_relaxed);
   not_ready_.store(not_ready.packed(), std::memory_order_relaxed);
 }
 
 std::string Cia402Drive::why_not_ready() const {
   // Relaxed: pairs with set_not_ready().
-  return describe(NotReadyReason::unpacked(not_ready_.load(std::memory_order_relaxed)));
+  const NotReadyReason why = NotReadyReason::unpacked(not_ready_.load(std::memory_order_relaxed));
+  return told(why, setup_.lacking(lacks_.load(std::memory_order_relaxed), why.address.index), params_);
 }
 
 void Cia402Drive::say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT {

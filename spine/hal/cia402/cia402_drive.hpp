@@ -77,7 +77,7 @@ class Cia402Drive final : public Drive {
   void progress(const Exchange& exchange, Bus& bus) LITHE_RT;
   bool reset_node(std::int64_t now_ns, Bus& bus) LITHE_RT;
   void start_setup() LITHE_RT;
-  void set_not_ready(const NotReadyReason& not_ready) LITHE_RT;
+  void set_not_ready(const NotReadyReason& not_ready, std::uint64_t lacks = 0) LITHE_RT;
   void say(const JointCommand& command, DriveAction action, Bus& bus) LITHE_RT;
   void ask(std::int64_t now_ns, Bus& bus) LITHE_RT;
   std::uint16_t control_word(DriveAction action) LITHE_RT;
@@ -139,11 +139,16 @@ class Cia402Drive final : public Drive {
   std::uint64_t velocity_exchange_ = 0;  // in which it came; 0: never
   JointSample last_;
 
-  std::atomic<std::uint64_t> not_ready_{};  // NotReadyReason::packed(); stored by the exchange's thread, loaded by any
+  // Both stored by the exchange's thread, loaded by any.
+  std::atomic<std::uint64_t> not_ready_{};  // NotReadyReason::packed()
+  std::atomic<std::uint64_t> lacks_{};      // Setup::lacks(), of the same reason
 };
 
 // Of a robot file: what the registry's row needs of it.
+DriverParams params_of(const robot::RobotConfig& robot, const robot::JointConfig& joint);
 std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::JointConfig& joint);
+// Reads what the set-up would write, and changes nothing: why the drive would not do; empty = nothing is known.
+std::string look(const robot::RobotConfig& robot, const robot::DeviceConfig& device, const AskedBus& line);
 // SYNC and our heartbeat, for all drives of the bus.
 std::unique_ptr<BusMaster> make_master(const robot::RobotConfig& robot, std::size_t bus);
 // One SYNC asks all drives of the bus, and each answers every SYNC.

@@ -155,9 +155,11 @@ void Setup::add_pdo(std::uint16_t communication, std::uint16_t mapping, std::uin
   add(Kind::write, communication, 1, id, 4);
 }
 
-void Setup::begin(SdoClient& client) LITHE_RT {
+void Setup::begin(SdoClient& client, bool look) LITHE_RT {
   at_ = 0;
   looks_ = 0;
+  only_looks_ = look;
+  lacks_ = 0;
   not_ready_ = {};
   client.forget();
 }
@@ -167,21 +169,22 @@ bool Setup::next(std::int64_t now_ns, SdoClient& client, Frame& frame) LITHE_RT 
   const Step& step = steps_[at_];
   if (step.kind == Kind::heartbeat || step.kind == Kind::start) {
     ++at_;
+    if (only_looks_) return false;
     frame = step.kind == Kind::heartbeat ? canopen::heartbeat_frame(host_, canopen::NmtState::operational)
                                          : canopen::nmt_frame(canopen::NmtCommand::start, node_);
     return true;
   }
   if (client.outcome() == SdoClient::Outcome::idle) {
-    if (step.bytes > 0)
-      client.write(step.address, step.kind == Kind::limit_torque ? torque_limit_ : step.value, step.bytes);
+    if (step.bytes == 0 || only_looks_)
+      client.read(only_looks_ ? canopen::mapped_or_self(step.address, step.value) : step.address);
     else
-      client.read(step.address);
+      client.write(step.address, step.kind == Kind::limit_torque ? torque_limit_ : step.value, step.bytes);
   }
   return client.next(now_ns, frame);
 }
 
 Setup::Progress Setup::advance(SdoClient& client) LITHE_RT {
-  if (at_ >= count_) return Progress::done;
+  if (at_ >= count_) return not_ready_.kind == NotReadyKind::none ? Progress::done : Progress::failed;
   const Step& step = steps_[at_];
   bool passed = false;
   switch (client.outcome()) {
@@ -191,25 +194,41 @@ Setup::Progress Setup::advance(SdoClient& client) LITHE_RT {
     case SdoClient::Outcome::done:
       passed = step.bytes > 0 || judge(step, client.value());
       break;
-    case SdoClient::Outcome::failed: {
-      const std::uint32_t why = client.abort();
-      const bool nobody = why == canopen::abort_code::kTimedOut;
-      const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
-      const bool may_refuse = step.kind == Kind::offer || step.kind == Kind::limit_torque;
-      passed = !nobody && (may_refuse || (step.kind == Kind::write_if_there && lacks));
-      if (!passed) refuse(nobody ? NotReadyKind::no_answer : NotReadyKind::refused, step, why);
+    case SdoClient::Outcome::failed:
+      passed = bear(step, client.abort());
       break;
-    }
   }
   client.forget();
-  if (passed) ++at_;
-  if (not_ready_.kind != NotReadyKind::none) return Progress::failed;
-  return at_ >= count_ ? Progress::done : Progress::busy;
+  only_looks_ = only_looks_ || not_ready_.kind != NotReadyKind::none;
+  const bool gone = client.abort() == canopen::abort_code::kTimedOut;
+  if (passed || (only_looks_ && !gone)) ++at_;
+  if (not_ready_.kind == NotReadyKind::none) return at_ >= count_ ? Progress::done : Progress::busy;
+  return gone || at_ >= count_ ? Progress::failed : Progress::busy;
 }
 
+// True: the drive may do so.
+bool Setup::bear(const Step& step, std::uint32_t why) LITHE_RT {
+  if (why == canopen::abort_code::kTimedOut) return refuse(NotReadyKind::no_answer, step, why);
+  const bool lacks = why == canopen::abort_code::kNoObject || why == canopen::abort_code::kNoSubindex;
+  const bool may_refuse = step.kind == Kind::offer || step.kind == Kind::limit_torque;
+  if (may_refuse || (step.kind == Kind::write_if_there && lacks)) return true;
+  if (only_looks_ && !lacks) return true;  // it is there, though it cannot be read
+  if (lacks && only_looks_) lacks_ |= std::uint64_t{1} << at_;
+  return refuse(NotReadyKind::refused, step, why);
+}
+
+// The first reason stays.
 bool Setup::refuse(NotReadyKind kind, const Step& step, std::uint32_t value) LITHE_RT {
-  not_ready_ = {kind, step.address, value};
+  const canopen::Address at = only_looks_ ? canopen::mapped_or_self(step.address, step.value) : step.address;
+  if (not_ready_.kind == NotReadyKind::none) not_ready_ = {kind, at, value};
   return false;
+}
+
+std::string Setup::lacking(std::uint64_t lacks, std::uint16_t but_for) const {
+  canopen::ObjectList list(but_for);
+  for (std::size_t i = 0; i < count_; ++i)
+    if ((lacks >> i & 1U) != 0) list.add(canopen::mapped_or_self(steps_[i].address, steps_[i].value));
+  return list.text();
 }
 
 // What was read. False: not yet, or with a reason that it is not ready: never.
@@ -227,9 +246,10 @@ bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
       torque_limit_ = static_cast<std::uint32_t>(std::clamp(1000 * motor_max_mnm_ / value + 1e-6, 0.0, 65535.0));
       return true;
     case Kind::require_torque_limit:
-      return (value & 0xffff) <= torque_limit_ || refuse(NotReadyKind::torque_limit, step, value & 0xffff);
+      return only_looks_ || (value & 0xffff) <= torque_limit_ ||
+             refuse(NotReadyKind::torque_limit, step, value & 0xffff);
     case Kind::await_mode:
-      if ((value & 0xff) == static_cast<std::uint8_t>(mode_)) return true;
+      if (only_looks_ || (value & 0xff) == static_cast<std::uint8_t>(mode_)) return true;
       if (++looks_ >= kMostLooks) refuse(NotReadyKind::mode_not_taken, step, value);
       return false;
     default:
@@ -239,21 +259,26 @@ bool Setup::judge(const Step& step, std::uint32_t value) LITHE_RT {
 
 namespace {
 
+const char* mode_word(Mode mode) {
+  if (mode == Mode::position) return "position";
+  return mode == Mode::velocity ? "velocity" : "torque";
+}
+
 // By NotReadyKind. 0: the object, 1: the abort code, 2: the value, 3: its low 16 bits, 4: its low 8 bits as a number
-// with a sign, 5: as a state, 6: in thousandths.
+// with a sign, 5: as a state, 6: in thousandths, 7: the robot file's rated torque [mNm], 8: its mode.
 constexpr const char* kNotReady[] = {
     "",
     "no boot-up message after a reset; check its power, cable, node id and bit rate",
     "no answer when asked for object {0}; check the cable",
     "object {0} is refused with abort {1}; the drive lacks what LITHE needs of it",
     "device type {0} = 0x{2:08X} is profile {3}, not 402; give the robot file the id of a drive",
-    "supported modes {0} = 0x{2:08X} lack the mode of the robot file; choose another mode",
-    "rated torque {0} = {2} mNm is not the robot file's rated_torque_nm; correct the one that is wrong",
+    "supported modes {0} = 0x{2:08X} lack mode = \"{8}\" of the robot file; choose another mode",
+    "rated torque {0} = {2} mNm is not the robot file's rated_torque_nm, {7} mNm; correct the one that is wrong",
     ("max torque {0} = {2} thousandths of the rated torque is more than torque_max_nm, and the drive takes no less "
      "from "
      "here: what it does by itself (quick stop, fault reaction) would have more; set it lower in the drive, or raise "
      "torque_max_nm"),
-    "mode display {0} stays at {4}; the drive does not take the mode of the robot file",
+    "mode display {0} stays at {4}; the drive does not take mode = \"{8}\" of the robot file",
     "left the state operational by itself (now 0x{2:02X}) and is being set up again",
     ("no heartbeat (1017h); check its power and cable; while it is switched off (reset) it is reset and set up anew "
      "every 5 s"),
@@ -269,7 +294,7 @@ constexpr const char* kNoMaxTorque =
 
 }  // namespace
 
-std::string describe(const NotReadyReason& not_ready) {
+std::string describe(const NotReadyReason& not_ready, const DriverParams& params) {
   const auto& [index, subindex] = not_ready.address;
   const std::uint32_t value = not_ready.value;
   const bool no_limit = not_ready.kind == NotReadyKind::refused && index == object::kMaxTorque;
@@ -277,7 +302,11 @@ std::string describe(const NotReadyReason& not_ready) {
                      fmt::format("{:04X}h:{:02X}", index, subindex),
                      fmt::format("0x{:08X} ({})", value, canopen::abort_name(value)), value, value & 0xffff,
                      static_cast<int>(static_cast<std::int8_t>(value)), state_name(static_cast<State>(value)),
-                     static_cast<std::int32_t>(value) * 1e-3);
+                     static_cast<std::int32_t>(value) * 1e-3, 1000 * params.rated_torque_nm, mode_word(params.mode));
+}
+
+std::string told(const NotReadyReason& not_ready, const std::string& lacking, const DriverParams& params) {
+  return describe(not_ready, params) + (lacking.empty() ? "" : "; it lacks " + lacking + ", too");
 }
 
 }  // namespace lithe::hal::cia402

@@ -61,9 +61,11 @@ enum class NotReadyKind : std::uint8_t {
 
 using NotReadyReason = canopen::NotReady<NotReadyKind>;
 
-// One sentence; empty for none.
+// One sentence; empty for none. `params`: of the robot file that it does not fit.
 // Contract: never in an exchange's thread
-std::string describe(const NotReadyReason& not_ready);
+std::string describe(const NotReadyReason& not_ready, const DriverParams& params);
+// The same with what it lacks beside that (Setup::lacking).
+std::string told(const NotReadyReason& not_ready, const std::string& lacking, const DriverParams& params);
 
 // The process data of a drive in each mode. Its answer is 6041h, 6064h and 6077h, which fill a frame of 8 bytes. The
 // velocity is in a second frame: TPDO1, whose id has the higher priority. So the velocity of a SYNC is received before
@@ -79,20 +81,25 @@ std::uint32_t command_id(std::uint32_t node) LITHE_RT;
 std::uint32_t transmit_id(std::size_t number, std::uint32_t node) LITHE_RT;
 }  // namespace pdo
 
-// Executes the list, one transfer at a time.
-// Contract: RT but for the constructor · one thread · time is an argument
+// Executes the list, one transfer at a time. After the first refusal it writes nothing more; it only reads on, to learn
+// which other objects the drive lacks.
+// Contract: RT but for the constructor and lacking() · one thread, lacking() any · time is an argument
 class Setup {
  public:
   explicit Setup(const DriverParams& params);
 
   enum class Progress : std::uint8_t { busy, done, failed };
 
-  void begin(canopen::SdoClient& client) LITHE_RT;
+  // `look`: reads what it would write, and changes nothing.
+  void begin(canopen::SdoClient& client, bool look = false) LITHE_RT;
   // At most one frame. False: nothing to send now.
   bool next(std::int64_t now_ns, canopen::SdoClient& client, Frame& frame) LITHE_RT;
   // Call after the client has got an answer or aborted.
   Progress advance(canopen::SdoClient& client) LITHE_RT;
   const NotReadyReason& not_ready() const LITHE_RT { return not_ready_; }
+  // The steps whose objects the drive lacks, a bit each; and those objects as text, but for this one.
+  std::uint64_t lacks() const LITHE_RT { return lacks_; }
+  std::string lacking(std::uint64_t lacks, std::uint16_t but_for) const;
   // A position drive keeps its target inside 607Dh: enabled beyond it, it would leap there. True: a set-up is needed
   // first; its 607Dh contains this position, or is that of the robot file again.
   bool must_move_limits(std::int32_t position_raw) LITHE_RT;
@@ -117,7 +124,7 @@ class Setup {
     std::uint32_t value;
     std::uint8_t bytes;
   };
-  static constexpr std::size_t kMostSteps = 56;
+  static constexpr std::size_t kMostSteps = 56;    // lacks_ has 64 bits
   static constexpr std::uint32_t kMostLooks = 50;  // reads of 6061h, until it shows the mode
 
   void add(Kind kind, std::uint16_t index, std::uint8_t subindex = 0, std::uint32_t value = 0, std::uint8_t bytes = 0);
@@ -127,6 +134,7 @@ class Setup {
   void add_pdo(std::uint16_t communication, std::uint16_t mapping, std::uint32_t id, const canopen::PdoMap& map);
   bool judge(const Step& step, std::uint32_t value) LITHE_RT;
   bool refuse(NotReadyKind kind, const Step& step, std::uint32_t value) LITHE_RT;
+  bool bear(const Step& step, std::uint32_t why) LITHE_RT;
 
   std::uint32_t node_;
   std::uint32_t host_;
@@ -141,6 +149,8 @@ class Setup {
   std::int64_t least_raw_ = 0, most_raw_ = 0;  // of the robot file
   std::int64_t margin_raw_ = 0;
   std::uint32_t looks_ = 0;
+  bool only_looks_ = false;
+  std::uint64_t lacks_ = 0;
   NotReadyReason not_ready_;
 };
 

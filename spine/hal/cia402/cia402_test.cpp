@@ -72,11 +72,11 @@ TEST(Cia402, ANotReadyReasonSurvivesItsWordAndSaysWhatToDo) {
   EXPECT_EQ(same.address, not_ready.address);
   EXPECT_EQ(same.value, not_ready.value);
   EXPECT_EQ(
-      describe(same),
+      describe(same, {}),
       "object 6007h:02 is refused with abort 0x06020000 (no such object); the drive lacks what LITHE needs of it");
-  EXPECT_EQ(describe({}), "");
+  EXPECT_EQ(describe({}, {}), "");
   for (std::uint8_t kind = 1; kind <= static_cast<std::uint8_t>(NotReadyKind::velocity_unit); ++kind)
-    EXPECT_FALSE(describe({static_cast<NotReadyKind>(kind), {}, 0}).empty());
+    EXPECT_FALSE(describe({static_cast<NotReadyKind>(kind), {}, 0}, {}).empty());
 }
 
 bool is_request(const Frame& frame) { return canopen::function_of(frame) == canopen::cob::kSdoRequest; }

@@ -60,7 +60,7 @@ std::string control_text(std::uint32_t word) {
 
 }  // namespace
 
-std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::JointConfig& joint) {
+DriverParams params_of(const robot::RobotConfig& robot, const robot::JointConfig& joint) {
   const robot::DeviceConfig& device = robot.devices[joint.device];
   DriverParams params;
   params.id = device.id;
@@ -82,7 +82,26 @@ std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::
   params.target_max_rad = joint.position_max_rad;
   params.soft_start_s = robot.guard.soft_start_s;
   params.joint = {joint.sign, joint.zero_rad, joint.ratio};
-  return std::make_unique<Cia402Drive>(params);
+  return params;
+}
+
+std::unique_ptr<Drive> make_drive(const robot::RobotConfig& robot, const robot::JointConfig& joint) {
+  return std::make_unique<Cia402Drive>(params_of(robot, joint));
+}
+
+std::string look(const robot::RobotConfig& robot, const robot::DeviceConfig& device, const AskedBus& line) {
+  const auto joint = std::ranges::find_if(
+      robot.joints, [&](const robot::JointConfig& each) { return &robot.devices[each.device] == &device; });
+  if (joint == robot.joints.end()) return "";
+  const DriverParams params = params_of(robot, *joint);
+  canopen::SdoClient client(device.id);
+  Setup setup(params);
+  setup.begin(client, true);
+  canopen::converse(
+      line, device.id, [&](std::int64_t now_ns, Frame& frame) { return setup.next(now_ns, client, frame); },
+      [&](const Frame& frame) { return client.on_frame(frame); },
+      [&] { return setup.advance(client) != Setup::Progress::busy; });
+  return told(setup.not_ready(), setup.lacking(setup.lacks(), setup.not_ready().address.index), params);
 }
 
 std::unique_ptr<BusMaster> make_master(const robot::RobotConfig& robot, std::size_t bus) {

@@ -16,6 +16,12 @@
 
 namespace lithe::bus {
 
+namespace {
+
+constexpr std::int64_t kSilenceNs = 1'500'000'000;
+
+}  // namespace
+
 Time real_time() {
   return {[] { return monotonic_ns(); }, [] { std::this_thread::sleep_for(std::chrono::microseconds(200)); }};
 }
@@ -68,8 +74,32 @@ void ask(Line& line, const Time& time) {
   const hal::AskedBus asked{*line.bus, time, line.bitrate, [&line](const hal::Frame& frame) { line.on_frame(frame); }};
   if (line.commander.empty())
     for (const Line::KindScanner& each : line.scanners) line.error += each.scanner->ask(asked);
-  line.bus->begin(time.now_ns());  // some adapters notice only here that nothing is sent
+  // Some adapters notice only here that nothing is sent; others tell a bus-off only when asked, after a silence.
+  const auto nothing = [](const auto& each) { return each.scanner->found(true).empty(); };
+  const bool silent = line.commander.empty() && std::ranges::all_of(line.scanners, nothing);
+  const std::int64_t end_ns = time.now_ns() + (silent ? kSilenceNs : 0);
+  do {
+    line.bus->begin(time.now_ns());
+    line.bus->flush();
+    hal::Frame frame;
+    if (line.bus->receive(frame))
+      line.on_frame(frame);
+    else if (silent)
+      time.pause();
+  } while (time.now_ns() < end_ns && line.bus->why_down().empty());
   if (std::string down = line.bus->why_down(); !down.empty()) line.error = std::move(down);
+}
+
+void look(const robot::RobotConfig& robot, BusFindings& findings, Line& line, const Time& time) {
+  if (line.bus == nullptr || !findings.error.empty()) return;
+  const hal::AskedBus asked{*line.bus, time, line.bitrate, [&line](const hal::Frame& frame) { line.on_frame(frame); }};
+  for (Judged& device : findings.devices) {
+    const auto in_file = std::ranges::find(robot.devices, device.name, &robot::DeviceConfig::name);
+    const auto look_at = hal::type_of(device.kind).look;
+    if (device.standing != Standing::expected || look_at == nullptr || in_file == robot.devices.end()) continue;
+    device.advice = look_at(robot, *in_file, asked);
+    if (!device.advice.empty()) device.standing = Standing::unfit;
+  }
 }
 
 namespace {
@@ -118,6 +148,7 @@ Scan scan(const Choice& choice, const ScanOptions& options) {
     if (open[i] == nullptr) continue;
     ask(lines[i], time);
     done.buses[i] = judge(choice.robot, choice.buses[i], choice.from_file, lines[i]);
+    look(choice.robot, done.buses[i], lines[i], time);
     note_errors(open[i]->statistics(), done.buses[i]);
   }
   done.matches = std::ranges::all_of(done.buses, matches) &&
@@ -171,7 +202,8 @@ std::string to_text(const Scan& scan, const Choice& choice) {
     if (std::ranges::none_of(choice.buses, is_real))
       return text + "nothing was asked: there is no real bus among these\n";
     const bool all = std::ranges::all_of(choice.buses, is_real);
-    return text + (all ? "all is as " : "all that was asked is as ") + choice.robot.path + " says\n";
+    return text + (all ? "all that a scan can read is as " : "all that was asked is as ") + choice.robot.path +
+           " says\n";
   }
   if (scan.matches) return text;
   text += choice.from_file ? "NOT as " + choice.robot.path + " says\n" : "";

@@ -80,6 +80,11 @@ struct BusFindings {
 // Contract: pure
 BusFindings judge(const robot::RobotConfig& robot, std::size_t bus, bool from_file, const Line& line);
 
+// Asks each device that is as the file says for what its set-up will need of it; reads only. One that would not do
+// becomes unfit.
+// Contract: as listen()
+void look(const robot::RobotConfig& robot, BusFindings& findings, Line& line, const Time& time);
+
 // True when the bus is as the file says.
 bool matches(const BusFindings& findings);
 

@@ -235,7 +235,9 @@ Refusal refusal_of(CommandKind kind, CommandResult result, const wire::Telemetry
     case CommandResult::refused_estop:
       return refused_by_estop(kind);
     case CommandResult::refused_fault:
-      return {code, fmt::format("cannot {}: fault {} is latched", to_string(kind), to_string(fault)),
+      return {code,
+              fmt::format("cannot {}: fault {} is latched{}{}", to_string(kind), to_string(fault),
+                          drives.told.empty() ? "" : "; now ", drives.told),
               way_to_active(mode, fault)};
     case CommandResult::refused_law:
       return refused_by_law(kind);

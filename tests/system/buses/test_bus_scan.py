@@ -84,7 +84,7 @@ def test_what_is_missing_unknown_or_there_twice_is_named_with_what_to_do(tmp_pat
         assert served.order(fault="duplicate", share=1) == {"ok": True}
         assert {each["standing"] for each in scan(1, there)["buses"][0]["devices"]} == {"twice"}
         assert served.order(fault="bus_off", on=True) == {"ok": True}
-        assert "power" in scan(1, there)["buses"][0]["devices"][0]["advice"]
+        assert "bus-off" in scan(1, there)["buses"][0]["trouble"]
 
 
 def test_a_bus_without_a_file_shows_what_is_there(tmp_path: Path) -> None:

@@ -58,14 +58,15 @@ RECORDS: dict[int, list[tuple[int, int, str, int]]] = {
 }
 
 
-def dictionary(node: int, without: tuple[int, ...] = ()) -> ObjectDictionary:
+def dictionary(node: int, without: tuple[int, ...] = (), values: dict[int, int] | None = None) -> ObjectDictionary:
     """The objects of a CiA 402 drive with four process data each way, those of one way off but for the first."""
     objects = ObjectDictionary()
     for index, kind, access, value in VARIABLES:
         if index in without:
             continue
         variable = ODVariable(f"object {index:04X}", index)
-        variable.data_type, variable.access_type, variable.default = kind, access, value
+        variable.data_type, variable.access_type = kind, access
+        variable.default = (values or {}).get(index, value)
         objects.add_object(variable)
     records = {index: members for index, members in RECORDS.items() if index not in without}
     for i in range(4):
@@ -142,10 +143,16 @@ class ThirdPartyDrive:
 
     COUNTS = 4096
 
-    def __init__(self, network: canopen.Network, node: int, without: tuple[int, ...] = ()) -> None:
-        """Put it on the network and boot it."""
+    def __init__(
+        self,
+        network: canopen.Network,
+        node: int,
+        without: tuple[int, ...] = (),
+        values: dict[int, int] | None = None,
+    ) -> None:
+        """Put it on the network and boot it. `values`: of objects, other than usual."""
         self.network = network
-        self.node = network.create_node(node, dictionary(node, without))
+        self.node = network.create_node(node, dictionary(node, without, values))
         self.lock = threading.RLock()
         self.fault_code = 0
         self.power_on()

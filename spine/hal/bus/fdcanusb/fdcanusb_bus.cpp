@@ -71,12 +71,13 @@ bool FdcanusbBus::exchange_is_due(std::int64_t now_ns) LITHE_RT {
     bus_off_.store(false, std::memory_order_relaxed);
     return true;
   }
-  if (now_ns - heard_ns_ < kSilenceNs || statistics_.sent - sent_ < kSilenceFrames) return true;
-  if (now_ns - asked_ns_ < kAskEveryNs) return false;
+  if (now_ns - heard_ns_ < kSilenceNs) return true;
+  const bool few = statistics_.sent - sent_ < kSilenceFrames;
+  if (now_ns - asked_ns_ < kAskEveryNs) return few;
   asked_ns_ = now_ns;
   std::array<char, fdcanusb::kLongestLine> line;
   add({line.data(), finish("can status", with_sums_, line)});
-  return !bus_off_.load(std::memory_order_relaxed);
+  return few || !bus_off_.load(std::memory_order_relaxed);
 }
 
 void FdcanusbBus::forget() LITHE_RT {

@@ -159,7 +159,8 @@ TEST_F(Cia401Module, InputsThatTheModuleLacksAreNamed) {
     Frame frame;
     while (bus.receive(frame)) module.on_frame(frame, now_ns_);
   }
-  EXPECT_NE(module.why_not_ready().find("object 1a00h:2"), std::string::npos) << module.why_not_ready();
+  EXPECT_NE(module.why_not_ready().find("object 1A00h:02: no such object"), std::string::npos)
+      << module.why_not_ready();
 }
 
 TEST_F(Cia401Module, AFrameOfAnotherNodeIsNotItsOwn) {

@@ -229,7 +229,7 @@ TEST_F(Cia402Drives, ADriveThatWatchesNobodyGoesOnWhenTheHostDies) {
 TEST_F(Cia402Drives, ADriveThatCannotBeToldToWatchIsNeverEnabled) {
   build();
   cables_[0]->there = [](Frame& frame) { return !is_write_of(frame, 0x1016); };
-  act(DriveAction::off, 1500);
+  act(DriveAction::off, 2500);
   EXPECT_FALSE(drivers_[0]->running());
   EXPECT_TRUE(drivers_[1]->running());
   EXPECT_NE(drivers_[0]->why_not_ready().find("1016h"), std::string::npos) << drivers_[0]->why_not_ready();
