@@ -144,3 +144,27 @@ def test_a_drive_whose_power_is_lost_is_told() -> None:
         theirs.lose()
         told_everywhere(rig, ("drive 'drive'", "power"))
         assert rig.ask("status")["mode"] == "safe_stop"
+
+
+def test_a_module_that_is_silent_is_told_beside_its_sensors() -> None:
+    with robot_with(ThirdPartyDrive) as (rig, _):
+        silent = """
+[[device]]
+name = "inputs"
+kind = "cia401"
+bus = "can0"
+id = 9
+[[sensor]]
+name = "door"
+device = "inputs"
+kind = "digital"
+channel = 2
+"""
+        rig.config.write_text(rig.config.read_text().replace("[[joint]]", silent + "[[joint]]"), encoding="utf-8")
+        device = rig.ask("bus", "scan", rig.config, "--listen", "1.0", code=1)["buses"][0]["devices"][1]
+        assert (device["name"], device["standing"]) == ("inputs", "missing")
+        rig.run("--no-arm")
+        rig.wait_for(lambda: "device 'inputs'" in rig.ask("status")["not_ready"])
+        status = rig.ask("status")
+        assert status["sensors"]
+        assert "check power, wires and its id" in str(status["alarms"])
