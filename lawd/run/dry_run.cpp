@@ -203,7 +203,9 @@ int child(int fd, const std::string& path, std::uint32_t joints, std::uint64_t s
 
 std::string death(const Outcome& outcome, const std::string& stage) {
   const std::string where = stage == "load" ? "while it was loaded" : "in a dry step on harmless inputs";
-  if (outcome.timed_out) return "the law did not return " + where + ": look for a loop without an end";
+  if (outcome.timed_out)
+    return "the law did not return " + where +
+           ": look for a loop without an end, or with too many turns (a step has some microseconds)";
   if (outcome.signal != 0) return "the law crashed " + where + ": " + signal_text(outcome.signal);
   return "the law ended its process " + where + " (exit code " + std::to_string(outcome.exit_code) +
          "): a law may not call exit";

@@ -26,6 +26,8 @@ constexpr double kDegree = 180 / std::numbers::pi, kDegreeTolerance = 0.03;
 constexpr double kOffRad = 0.02;                  // an error worth a word
 constexpr double kSteadyShare = 0.85;             // the mean of a steady error is nearly its root mean square
 constexpr double kLittleDamping = 0.05;           // damping ratio
+constexpr double kTinyErrorRad = 1e-3;            // no encoder is so fine that all of the torque makes sense for it
+constexpr double kUsualErrorRad = 0.1;            // at which a stiffness asks for all of the torque
 constexpr double kAtLimit = 0.1, kAgainst = 0.2;  // shares of ticks
 constexpr double kStalled = 0.005;                // of its setpoint's motion
 constexpr double kQuarter = 0.25;                 // of a gain that is too high: a margin of 4 where it just swung
@@ -158,6 +160,14 @@ Diagnosis from_gains(const Gains& gains, const JointSums& sums, const JointSeen&
   const double w_rad_s = swing_rad_s(sums, seen);
   const auto lower_them = lower(of_position ? stiffness : 0, of_velocity ? damping : 0, w_rad_s);
   if (seen.swing_hz > 0 && (of_position || of_velocity)) {
+    if (of_position && seen.torque_max_nm > 0 && seen.torque_max_nm / stiffness < kTinyErrorRad) {
+      return told(
+          Kind::gain_too_high,
+          "joint %s: measured stiffness %.3g N m/rad: an error of %.1g rad asks for all of its %.3g N m, and it "
+          "swings at %.1f Hz: lower the stiffness to about %.2g, which asks for that at %.1g rad",
+          seen.joint, stiffness, seen.torque_max_nm / stiffness, seen.torque_max_nm, seen.swing_hz,
+          seen.torque_max_nm / kUsualErrorRad, kUsualErrorRad);
+    }
     if (of_position && 0.5 * damping * w_rad_s / stiffness < kLittleDamping) {
       return told(Kind::no_damping,
                   "joint %s: measured stiffness %.3g N m/rad, damping %.2f N m s/rad: too little damping for its swing "

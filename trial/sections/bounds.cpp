@@ -52,11 +52,18 @@ bool TrialContext::same_bits() {
 
 // Unchanged entries are accepted, and zeros too (a law may clear the whole array).
 bool TrialContext::within_joints(const LawHarness& harness) {
-  for (const Output& output : kOutputs) {
+  for (std::size_t i = 0; i < kOutputs.size(); ++i) {
+    const Output& output = kOutputs[i];
     const JointArray& values = harness.effort().*output.values;
     for (std::size_t j = joints(); j < kMaxJoints; ++j) {
       const bool absent = output.values == &Effort::position_rad && std::isnan(values[j]);
       if (absent || values[j] == 0) continue;
+      if (i > 0) {
+        return refuse(
+            "it writes %s[%zu] (or %s[%zu], beyond that array), but this robot has %u joints, 0 to %u (%s): count to "
+            "t.joints, not to another number",
+            output.name, j, kOutputs[i - 1].name, j + kMaxJoints, joints(), joints() - 1, report.doing.data());
+      }
       return refuse(
           "it writes %s[%zu], but this robot has %u joints, 0 to %u (%s): count to t.joints, not to another number",
           output.name, j, joints(), joints() - 1, report.doing.data());
