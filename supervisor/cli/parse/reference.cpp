@@ -74,6 +74,26 @@ control::Refusal no_such_verb(const Walk& found) {
           "all verbs: lithe help" + found.name};
 }
 
+// The first option that neither this verb nor lithe has, with the nearest of the verb's own.
+std::optional<control::Refusal> no_such_option(const CLI::App& app, const Walk& found,
+                                               const std::vector<std::string>& words) {
+  if (found.at == &app || found.at->get_allow_extras() || found.at->get_prefix_command()) return std::nullopt;
+  std::vector<std::string> own;
+  for (const CLI::Option* each : found.at->get_options())
+    for (const std::string& name : each->get_lnames()) own.push_back("--" + name);
+  for (const std::string& word : words) {
+    const std::string name = word.substr(0, word.find('='));
+    if (name == "--") break;
+    const bool known = found.at->get_option_no_throw(name) != nullptr || app.get_option_no_throw(name) != nullptr;
+    if (!name.starts_with("--") || known) continue;
+    return control::Refusal{"usage",
+                            fmt::format("lithe{} has no option '{}'{}", found.name, name,
+                                        robot::suggestion(name, {own.begin(), own.end()})),
+                            "see how it is written: lithe help" + found.name};
+  }
+  return std::nullopt;
+}
+
 // "lithe swap [options] LAW".
 std::string usage_of(const Verb& verb) {
   std::string line = "lithe" + (verb.name.empty() ? "" : " " + verb.name);
@@ -185,7 +205,7 @@ std::variant<std::string, control::Refusal> help_text(const CLI::App& app, const
 
 std::optional<control::Refusal> wrong_verb(const CLI::App& app, const std::vector<std::string>& words) {
   const Walk found = walk(app, words);
-  return found.unknown.empty() ? std::nullopt : std::optional(no_such_verb(found));
+  return found.unknown.empty() ? no_such_option(app, found, words) : std::optional(no_such_verb(found));
 }
 
 std::string verb_of(const CLI::App& app, const std::vector<std::string>& words) { return walk(app, words).name; }

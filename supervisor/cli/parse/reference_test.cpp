@@ -50,6 +50,14 @@ TEST_F(ReferenceTest, AWrongVerbIsNamedWithTheNearestRightOne) {
   EXPECT_NE(hint({"xyzzyxyzzy"}).find("; one of: run, "), std::string::npos) << hint({"xyzzyxyzzy"});
 }
 
+TEST_F(ReferenceTest, AWrongOptionIsNamedWithTheNearestRightOne) {
+  EXPECT_EQ(hint({"swap", "law.cpp", "--shadw=2"}), "lithe swap has no option '--shadw'; did you mean '--shadow'?");
+  EXPECT_NE(hint({"jog", "--5"}).find("lithe jog has no option '--5'"), std::string::npos);
+  EXPECT_EQ(hint({"swap", "law.cpp", "--shadow=2", "--json", "--help"}), "");
+  EXPECT_EQ(hint({"move", "elbow", "-5"}), "") << "a number";
+  EXPECT_EQ(hint({"agent", "--of-the-program"}), "") << "the words of another program";
+}
+
 TEST_F(ReferenceTest, WhatIsNoVerbIsLeftAlone) {
   EXPECT_EQ(hint({"status"}), "");
   EXPECT_EQ(hint({"--robot", "stauts", "status"}), "");

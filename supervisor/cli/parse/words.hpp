@@ -60,7 +60,7 @@ std::string version_text();
 std::variant<std::string, control::Refusal> help_text(const CLI::App& app, const std::vector<std::string>& verb,
                                                       const std::string& form);
 
-// The first unknown verb, with the nearest known one. Empty when all verbs are known.
+// The first unknown verb or option, with the nearest known one. Empty when all are known.
 std::optional<control::Refusal> wrong_verb(const CLI::App& app, const std::vector<std::string>& words);
 
 // " law check": the verb in these words; empty when there is none.
