@@ -133,10 +133,11 @@ Tally tally(const robot::RobotConfig& robot, std::uint64_t from, std::uint64_t r
     ++all.runs;
     all.ticks += extremes.ticks;
     all.outside += extremes.overrun_rad > 0;
-    all.too_fast += extremes.speed_share > 1;
+    all.too_fast += extremes.speed_share >= 1;
     all.most.overrun_rad = std::max(all.most.overrun_rad, extremes.overrun_rad);
     all.most.speed_share = std::max(all.most.speed_share, extremes.speed_share);
     all.most.step_share = std::max(all.most.step_share, extremes.step_share);
+    all.most.promise_share = std::max(all.most.promise_share, extremes.promise_share);
     double& worst = all.worst_rad.try_emplace(std::string(name_of(run.adversary)), -1e9).first->second;
     worst = std::max(worst, extremes.overrun_rad);
     if (extremes.overrun_rad > 0.01 || extremes.speed_share > 1 || extremes.step_share > 1.5) {
@@ -163,51 +164,43 @@ struct Part {
 constexpr std::uint64_t kRuns = 1000;
 void PrintTo(const Part& part, std::ostream* out) { *out << part.robot << " from run " << part.from; }
 
-// Of robots without a model: what ten thousand runs showed, and a little more (docs/adr/0014, docs/swap.md). Of a chain
-// with one: what it shall keep (docs/adr/0026).
-struct Bounds {
-  double overrun_rad;  // beyond a position limit
-  double speed_share;  // of the speed that is a fault
-  double too_fast;     // share of runs that reach that speed
-  double step_share;   // of the slew bound, at the joint
-};
-Bounds bounds_of(const robot::RobotConfig& robot) {
-  const bool chain = robot.plant.kind == robot::PlantKind::chain;
-  if (chain) return {.overrun_rad = -0.005, .speed_share = 0.97, .too_fast = 0, .step_share = 2.0};
-  if (robot.name == "arm") return {.overrun_rad = 0.0, .speed_share = 0.85, .too_fast = 0, .step_share = 2.2};
-  return {.overrun_rad = 0.05, .speed_share = 1.15, .too_fast = 0.01, .step_share = 2.2};
-}
+// At the joint a step of the torque may be twice the slew bound when the guard knows the model (docs/adr/0026).
+constexpr double kMostStep = 2;
+// A guard without a model promises the slew bound where it expects the joint; the age of a sample is in whole ns.
+constexpr double kPromised = 1.001;
 
-// The rarest of twenty thousand further runs go beyond these bounds, by no more than this.
-Bounds long_bounds_of(const robot::RobotConfig& robot) {
-  Bounds bounds = bounds_of(robot);
-  if (robot.model.given) return bounds;
-  bounds.speed_share += 0.12;
-  bounds.step_share = 3;
-  return bounds;
-}
-
-void expect_within(const robot::RobotConfig& robot, std::uint64_t from, std::uint64_t runs, const Bounds& bounds) {
+// No run beyond a position limit or the speed that is a fault. Light joints of frankenstein that are asked 250 times a
+// second gain too much speed within one period for that (docs/adr/0014): of the same runs with a guard that looks at
+// the limit only, a hundredth may be beyond, and none so far that the position itself is a fault.
+void expect_within(const robot::RobotConfig& robot, std::uint64_t from, std::uint64_t runs) {
   const Tally all = tally(robot, from, runs);
-  EXPECT_LE(all.most.overrun_rad, bounds.overrun_rad);
-  EXPECT_LE(all.most.speed_share, bounds.speed_share);
-  constexpr double kFew = LITHE_LIMITS_SHARE > 1 ? 4 : 0;  // of the few runs under a sanitizer
-  EXPECT_LE(static_cast<double>(all.too_fast), bounds.too_fast * static_cast<double>(all.runs) + kFew);
-  EXPECT_LE(all.most.step_share, bounds.step_share);
+  if (robot.model.given)
+    EXPECT_LE(all.most.step_share, kMostStep);
+  else
+    EXPECT_LE(all.most.promise_share, kPromised);
+  if (robot.name != "frankenstein") {
+    EXPECT_EQ(all.outside, 0U);
+    EXPECT_EQ(all.too_fast, 0U);
+    return;
+  }
+  const Tally twin = tally(robot, from, runs, forget_inertia);
+  EXPECT_LE(100 * all.outside, twin.outside);
+  EXPECT_LE(100 * all.too_fast, twin.too_fast);
+  EXPECT_LT(all.most.overrun_rad, robot.guard.position_overrun_rad);
 }
 
 class Limits : public testing::TestWithParam<Part> {};
 
 TEST_P(Limits, NoJointLeavesThemWhateverTheLawDoes) {
   const robot::RobotConfig robot = load(GetParam().robot);
-  expect_within(robot, GetParam().from, kRuns / LITHE_LIMITS_SHARE, bounds_of(robot));
+  expect_within(robot, GetParam().from, kRuns / LITHE_LIMITS_SHARE);
 }
 
 // A minute: `make check-all`, or --gtest_also_run_disabled_tests --gtest_filter='LimitsLong*'.
 TEST(LimitsLong, DISABLED_TwentyThousandRunsOfEachRobot) {
   for (const char* name : {"arm", "chain", "frankenstein"}) {
     const robot::RobotConfig robot = load(name);
-    expect_within(robot, robot.model.given ? 1'000'001 : 100'001, 20 * kRuns, long_bounds_of(robot));
+    expect_within(robot, robot.model.given ? 1'000'001 : 100'001, 20 * kRuns);
   }
 }
 
@@ -219,12 +212,9 @@ INSTANTIATE_TEST_SUITE_P(Robots, Limits,
 
 TEST(LimitsTwin, WithoutStoppingDistanceIsCaught) {
   for (const char* name : {"arm", "chain", "frankenstein"}) {
-    const robot::RobotConfig robot = load(name);
-    const Bounds bounds = bounds_of(robot);
-    const Extremes most = tally(robot, 1, 60, forget_inertia).most;
-    EXPECT_GT(most.overrun_rad, bounds.overrun_rad + 0.2) << name;
-    EXPECT_GT(most.speed_share, bounds.speed_share) << name;
-    if (robot.plant.kind == robot::PlantKind::chain) EXPECT_GT(most.step_share, bounds.step_share) << name;
+    const Tally all = tally(load(name), 1, 60, forget_inertia);
+    EXPECT_GT(all.outside, all.runs / 4) << name;
+    EXPECT_GT(all.too_fast, 0U) << name;
   }
 }
 
@@ -232,12 +222,12 @@ TEST(LimitsTwin, AChainWithoutItsModelIsTooFast) {
   const robot::RobotConfig robot = load("chain");
   const Tally all = tally(robot, 500'001, 60, forget_model);
   EXPECT_GT(all.too_fast, 0U);
-  EXPECT_GT(all.most.step_share, bounds_of(robot).step_share);
+  EXPECT_GT(all.most.step_share, kMostStep);
 }
 
 TEST(LimitsTwin, AnObserverThatKnowsNoCommandsIsCaught) {
   const robot::RobotConfig robot = load("chain");
-  EXPECT_GT(tally(robot, 500'001, 60, never_dispatch).most.step_share, bounds_of(robot).step_share);
+  EXPECT_GT(tally(robot, 500'001, 60, never_dispatch).most.step_share, kMostStep);
 }
 
 // The file is wrong by up to a quarter of each mass and inertia and a tenth of each centre, the drives by 5 %, and up
@@ -255,20 +245,16 @@ void be_wrong_and_miss_answers(Run& run) {
 struct Hard {
   const char* name;
   void (*change)(Run&);
-  Bounds bounds;
-  std::uint64_t outside;  // runs of 20,000 that may pass a position limit by up to bounds.overrun_rad
 };
-constexpr std::array kHard{Hard{"wrong model", be_wrong, {0.01, 1, 0, 2}, 2},
-                           Hard{"missing answers", miss_answers, {0, 1, 0, 2}, 0},
-                           Hard{"both", be_wrong_and_miss_answers, {0.01, 1, 0, 2.7}, 20'000}};
+constexpr std::array kHard{Hard{"wrong model", be_wrong}, Hard{"missing answers", miss_answers},
+                           Hard{"both", be_wrong_and_miss_answers}};
 
 void expect_hard(const Hard& hard, std::uint64_t from, std::uint64_t runs) {
   SCOPED_TRACE(hard.name);
   const Tally all = tally(load("chain"), from, runs, hard.change);
-  EXPECT_LE(all.most.overrun_rad, hard.bounds.overrun_rad);
-  EXPECT_LE(all.most.speed_share, hard.bounds.speed_share);
-  EXPECT_LE(all.most.step_share, hard.bounds.step_share);
-  EXPECT_LE(all.outside, hard.outside);
+  EXPECT_EQ(all.outside, 0U);
+  EXPECT_EQ(all.too_fast, 0U);
+  EXPECT_LE(all.most.step_share, kMostStep);
 }
 
 TEST(LimitsModel, AChainStaysInsideWhenItsModelIsWrongAndAnswersAreMissing) {
@@ -282,10 +268,9 @@ TEST(LimitsLong, DISABLED_TwentyThousandRunsOfAChainWithEachError) {
 TEST(LimitsMissed, AnArmStaysInsideWhenUpToEightAnswersInARowAreLost) {
   const robot::RobotConfig robot = load("arm");
   const Tally all = tally(robot, 1, 2 * kRuns / LITHE_LIMITS_SHARE, miss_answers);
-  const Bounds bounds = long_bounds_of(robot);
-  EXPECT_LE(all.most.overrun_rad, bounds.overrun_rad);
-  EXPECT_LE(all.most.speed_share, bounds.speed_share);
-  EXPECT_LE(all.most.step_share, bounds.step_share);
+  EXPECT_EQ(all.outside, 0U);
+  EXPECT_EQ(all.too_fast, 0U);
+  EXPECT_LE(all.most.promise_share, kPromised);
 }
 
 // Whether a joint that its brake lets go of can still be stopped on this way, when the first torque acts.

@@ -63,6 +63,7 @@ struct Extremes {
   double overrun_rad = -1e9;   // beyond a position limit, the worst joint
   double speed_share = 0;      // of the velocity that is a fault
   double step_share = 0;       // change of torque when a command takes over, of the slew per command
+  double promise_share = 0;    // the same where the guard expected the joint, of the slew per tick
   double opposite_rad = -1e9;  // beyond the limit that is farther from where the joint began, the worst joint
   double end_rad = -1e9;       // beyond a limit at the end, the worst joint
   wire::Fault fault = wire::Fault::none;  // the first that the guard told

@@ -155,8 +155,8 @@ class Rig:
                 remote.call("set_reference", **sine, stay=True)
         except Refused as refused:
             return refused.code
-        except LitheError:
-            raise Broken("processes", "a new Brain did not get the robot: see run.log") from None
+        except LitheError as why:
+            raise Broken("processes", f"a new Brain did not get the robot ({why}): see run.log") from None
         return ""
 
     def ask(self, verb: str, **args: Any) -> tuple[str, Any]:
