@@ -154,10 +154,8 @@ TEST_F(TrialTest, ASmallBoxDoesNotHideWhatGrowsSlowly) {
   ASSERT_TRUE(zygote) << zygote.message();
   const json request = {
       {"verb", "try"}, {"object", LAW_pd}, {"budget_ns", 300'000}, {"box_ms", 20}, {"params", {{"kp_nm_rad", 40}}}};
-  json reply = json::object();
-  do {
-    reply = zygote->answer(request.dump());
-  } while (reply.value("starved", false));
+  const json reply = answer_of(*zygote, request);
+  ASSERT_FALSE(reply.value("starved", false)) << reply.dump();
   if (const std::string why = why_short(reply); !why.empty()) GTEST_SKIP() << why;
   EXPECT_FALSE(reply["ok"].get<bool>()) << reply.dump();
   EXPECT_NE(reply.value("reason", "").find("swings to and fro"), std::string::npos) << reply.dump();

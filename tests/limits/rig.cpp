@@ -7,6 +7,8 @@
 #include <memory>
 #include <numbers>
 
+#include "tests/limits/promise.hpp"
+
 namespace lithe::limits {
 namespace {
 
@@ -232,7 +234,7 @@ class Player {
       const bool late = run_.late_bus && stale < 3 && random_() % 10 == 0;
       stale = late ? stale + 1 : 0;
       if (!late) {
-        note_promise();
+        extremes_.promise_share = std::max(extremes_.promise_share, promise_.share_of(output_));
         command();
         if (!run_.never_dispatched) guard_.dispatched();
         before_ = sample_;
@@ -294,34 +296,6 @@ class Player {
     }
   }
 
-  // Where a joint is when the next command reaches its drive, if it keeps the speed of its last answer.
-  void expect(const Sample& sample, double age_s, std::uint32_t stale) {
-    const double period_s = 1 / run_.robot.rate_hz;
-    for (std::size_t j = 0; j < count_; ++j) {
-      const bool fresh = (sample.status[j] & wire::joint_status::kFresh) != 0;
-      without_answer_[j] = fresh ? 0 : without_answer_[j] + (stale == 0 ? 1 : 0);
-      const double ahead_s = age_s + period_s * (1 + without_answer_[j]);
-      expected_.velocity[j] = sample.velocity[j];
-      expected_.position[j] = sample.position[j] + sample.velocity[j] * ahead_s;
-    }
-  }
-
-  // What a guard that judges each joint alone promises: where it expects the joint, from the sample it had, this output
-  // differs from the one before it by a slew step at most.
-  void note_promise() {
-    for (std::size_t j = 0; j < count_; ++j) {
-      const double most_nm = run_.robot.joints[j].torque_max_nm;
-      const auto felt_nm = [&](const JointCommands& by) {
-        const Pd pd = pd_of(by, j);
-        return std::clamp(pd.felt_nm(expected_.position[j], expected_.velocity[j]), -most_nm, most_nm);
-      };
-      const double step_nm = run_.robot.joints[j].torque_slew_nm_s / run_.robot.rate_hz;
-      extremes_.promise_share =
-          std::max(extremes_.promise_share, std::abs(felt_nm(output_) - felt_nm(sent_)) / step_nm);
-    }
-    sent_ = output_;
-  }
-
   void note_step(const Drive& drive, std::size_t j, double before_nm) {
     const double step = run_.robot.joints[j].torque_slew_nm_s / run_.robot.rate_hz * dividers_[j];
     const double jump = std::abs(drive.wanted_nm() - before_nm);
@@ -340,7 +314,7 @@ class Player {
     const wire::Mode mode = run_.recover          ? wire::Mode::recover
                             : t >= run_.stop_at_s ? wire::Mode::safe_stop
                                                   : wire::Mode::active;
-    expect(sample, age_s, stale);
+    promise_.expect(sample.position, sample.velocity, sample.status, age_s, stale);
     const auto began = std::chrono::steady_clock::now();
     const guard::Verdict verdict = guard_.check({mode, stale, 1'000'000, sample.position, sample.velocity,
                                                  sample.status, law_.effort, static_cast<std::int64_t>(1e9 * age_s)},
@@ -386,7 +360,8 @@ class Player {
   Joints joints_;
   std::size_t count_;
   guard::Guard guard_;
-  JointCommands output_, sent_;
+  JointCommands output_;
+  Promise promise_{run_.robot};
   Law law_;
   std::mt19937_64 random_;
   hal::sim::Draws draws_;
@@ -396,8 +371,8 @@ class Player {
   std::vector<std::uint32_t> dividers_;
   std::vector<double> torque_nm_, gain_;
   std::mt19937_64 misses_{run_.seed + 8};
-  std::array<int, kMaxJoints> missed_{}, without_answer_{};
-  Sample sample_, before_, expected_;
+  std::array<int, kMaxJoints> missed_{};
+  Sample sample_, before_;
   double taken_ = 0;
   Extremes extremes_;
 };

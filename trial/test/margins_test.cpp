@@ -26,12 +26,12 @@ TEST_P(Margins, EveryLawThatComesWithLithePasses) {
   auto zygote = Zygote::make(LITHE_ROBOTS "/" + file, -1);
   if (!zygote && robot->plant.kind == robot::PlantKind::mujoco) GTEST_SKIP() << zygote.message();
   ASSERT_TRUE(zygote) << zygote.message();
-  for (const char* object : {LAW_pd, LAW_hold, LAW_gravity_pd, LAW_impedance, LAW_lqr, LAW_constant_torque}) {
-    json reply;
+  for (const char* object : {LAW_pd, LAW_gravity_pd, LAW_impedance, LAW_lqr, LAW_hold, LAW_constant_torque}) {
+    constexpr int kTries = 20;  // while a busy machine gives it less than its box
     const json request = {{"verb", "try"}, {"object", object}, {"budget_ns", 300'000}, {"box_ms", 1000}};
-    do {
-      reply = zygote->answer(request.dump());
-    } while (reply.value("starved", false));
+    json reply = zygote->answer(request.dump());
+    for (int i = 1; i < kTries && reply.value("starved", false); ++i) reply = zygote->answer(request.dump());
+    ASSERT_FALSE(reply.value("starved", false)) << file << " " << object << ": " << reply.dump();
     const std::string law = std::string(object).substr(std::string(object).rfind("trial_law_") + 10);
     EXPECT_TRUE(reply["ok"].get<bool>()) << file << " " << law << ": " << reply.value("reason", "");
     for (const char* which : {"plain", "rough"}) {
@@ -40,6 +40,8 @@ TEST_P(Margins, EveryLawThatComesWithLithePasses) {
                   file.c_str(), law.c_str(), which, run.value("most_chatter_hz", 0.0), law::Tremor::kChatterHz,
                   run.value("most_swings", 0u), law::Tremor::kMostSwings, run.value("rms_error_rad", 0.0),
                   run["without_a_law"].value("rms_error_rad", 0.0));
+      const bool follows = std::string(object) != LAW_hold && std::string(object) != LAW_constant_torque;
+      if (follows) EXPECT_LT(run["rms_error_rad"].get<double>(), run["without_a_law"]["rms_error_rad"].get<double>());
     }
     for (const json& each : reply.value("warnings", json::array())) std::printf("  warning: %s\n", each.dump().c_str());
   }

@@ -107,11 +107,17 @@ def test_a_real_spine_that_is_starved_is_told_from_one_that_is_stopped(
     stopped = missed(recording, period_ns)
     recording = Recorder(robot.name)
     hogs = [spin(tick.cpu) for _ in range(8)]
-    time.sleep(3.0)
+    starved: dict[str, float] = {"missed": 0, "machine": 0}
+    until = time.monotonic() + MOST_S
+    while starved["missed"] < 20 and time.monotonic() < until:
+        time.sleep(3.0)
+        found = missed(recording, period_ns)
+        starved = {name: starved[name] + found[name] for name in starved}
+        recording = Recorder(robot.name)
     for hog in hogs:
         os.kill(hog, signal.SIGSTOP)
-    starved = missed(recording, period_ns)
+    recording.finish()
     print(f"stopped: {stopped}; starved: {starved}")
     assert stopped["missed"] >= 800 and stopped["own"] > 0
-    if starved["missed"]:
-        assert starved["machine"] > 0
+    assert starved["missed"] >= 20, "eight programs on the core of the Spine cost it no tick"
+    assert starved["machine"] > starved["missed"] / 2
