@@ -41,7 +41,7 @@ WORDS = ["no", "one", "two", "three", "four", "five", "six", "seven", "eight", "
 PROGRAMS = ("make", "lithe", "python", "pytest", "ctest", "build/release/bin/")
 CLI = Path("docs/reference/cli.md")  # made from the table that parses; a test compares
 SIM = Path("docs/reference/sim.md")  # `lithe sim` reads its own words
-MODULES = ("agent", "mcp", "evolve", "identify")  # so do these, packages below brain/lithe
+MODULES = ("agent", "mcp", "evolve", "identify", "model")  # so do these, packages below brain/lithe
 
 
 @cache

@@ -369,7 +369,7 @@ _BY_COMMAND = {words: each.name for each in VERBS for words in (each.name.replac
 # These need the robot's computer: no verb does the same.
 _OTHER_COMMANDS = (
     "run", "list", "law", "law verify", "param", "param save", "bus", "bus [a-z]+", "tune", "tune [a-z]+", "doctor",
-    "sim", "help", "agent", "mcp", "evolve", "identify",
+    "sim", "help", "agent", "mcp", "evolve", "identify", "model",
 )  # fmt: skip
 _ANY = "|".join(sorted([*_BY_COMMAND, *_OTHER_COMMANDS], key=len, reverse=True))
 _COMMAND = re.compile(rf"`?\blithe ({_ANY})\b((?: \S+[.]toml\b| --[a-z-]+)*)`?")

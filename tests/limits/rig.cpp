@@ -4,8 +4,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <memory>
 #include <numbers>
+#include <utility>
+
+#include "spine/hal/physics/mujoco_plant.hpp"
 
 #include "tests/limits/promise.hpp"
 
@@ -48,7 +52,25 @@ class Joints {
       if (payload_kg > 0 && &joint == &robot.joints.back()) add_at_tip(link, payload_kg);
       plants_.emplace_back(plant);
     }
-    if (robot.plant.kind == robot::PlantKind::chain) chain_ = std::make_unique<hal::sim::Chain>(chain);
+    if (robot.plant.kind == robot::PlantKind::chain) together_ = std::make_unique<hal::sim::Chain>(chain);
+    if (robot.plant.kind == robot::PlantKind::mujoco) together_ = by_mujoco(robot);
+  }
+
+  static std::unique_ptr<hal::sim::Mechanism> by_mujoco(const robot::RobotConfig& robot) {
+    hal::sim::MujocoParams arm{.model = robot.plant.model, 
+                               .step_ns = std::llround(robot.plant.step_s * 1e9), .joints = {}};
+    for (const robot::JointConfig& joint : robot.joints) {
+      arm.joints.push_back({.name = joint.name,
+                            .initial_position_rad = joint.sim.initial_position_rad,
+                            .torque_lag_s = joint.sim.torque_lag_s,
+                            .torque_max_nm = joint.torque_max_nm,
+                            .position_min_rad = joint.position_min_rad,
+                            .position_max_rad = joint.position_max_rad});
+    }
+    Result<std::unique_ptr<hal::sim::Mechanism>> made =
+        open_mujoco(arm, []() -> std::int64_t { return 0; });  // however slow this machine is
+    if (!made) std::fprintf(stderr, "%s\n", made.message().c_str());
+    return made ? std::move(*made) : nullptr;
   }
 
   static void add_at_tip(hal::sim::ChainLink& link, double mass_kg) {
@@ -61,19 +83,19 @@ class Joints {
   }
 
   void step(std::span<const double> torque_nm) {
-    if (chain_ != nullptr) return chain_->step(torque_nm);
+    if (together_ != nullptr) return together_->step(torque_nm);
     for (std::size_t j = 0; j < plants_.size(); ++j) plants_[j].step(torque_nm[j]);
   }
   double position_rad(std::size_t j) const {
-    return chain_ != nullptr ? chain_->position_rad(j) : plants_[j].position_rad();
+    return together_ != nullptr ? together_->position_rad(j) : plants_[j].position_rad();
   }
   double velocity_rad_s(std::size_t j) const {
-    return chain_ != nullptr ? chain_->velocity_rad_s(j) : plants_[j].velocity_rad_s();
+    return together_ != nullptr ? together_->velocity_rad_s(j) : plants_[j].velocity_rad_s();
   }
 
  private:
   std::vector<Plant> plants_;
-  std::unique_ptr<hal::sim::Chain> chain_;
+  std::unique_ptr<hal::sim::Mechanism> together_;
 };
 
 // One drive as a moteus is: its own PD every 50 us, at least the damping that every command carries, a tracking loop

@@ -13,6 +13,7 @@ found as moments and inertias of the links before it.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,8 @@ PLACES = 40  # drawn at random, to see which columns depend on others
 DEPENDS = 1e-6  # of a column's length, left when all columns before it have explained what they can
 
 
-def _pinocchio() -> Any:
+def pinocchio() -> Any:
+    """The package. LitheError where it is not installed."""
     try:
         import pinocchio
     except ImportError:
@@ -53,7 +55,7 @@ class Model(Description):
 
     def rigid(self, q: Matrix, v: Matrix) -> tuple[Matrix, Matrix]:
         """Of each sample and each column: momentum of each joint, and its pull -> (n, parameters, joints)."""
-        pin = _pinocchio()
+        pin = pinocchio()
         robot, weightless, data = self.robot, self.robot.copy(), self.robot.createData()
         weightless.gravity = pin.Motion.Zero()
         order = [robot.joints[robot.getJointId(name)].idx_v for name in self.names]
@@ -94,15 +96,9 @@ def _independent(columns: Matrix) -> tuple[int, ...]:
     return tuple(kept)
 
 
-def describe_model(
-    path: str | Path, names: tuple[str, ...] = (), stribeck_rad_s: float = 0.0, cogging_per_turn: float = 0.0
-) -> Model:
-    """The robot of a .urdf file, or of MJCF. `names`: its joints in the order of the telemetry (default: the file's).
-
-    LitheError where Pinocchio is missing or cannot read the file, or where the joints that move are others. The weight
-    and size of the links in the file are not used but for `file_values`; its joints, lengths and gravity are.
-    """
-    pin = _pinocchio()
+def read_model(path: str | Path) -> Any:
+    """pinocchio.Model of a .urdf file, or of MJCF. LitheError where Pinocchio cannot read it."""
+    pin = pinocchio()
     build = pin.buildModelFromUrdf if Path(path).suffix == ".urdf" else pin.buildModelFromMJCF
     try:
         robot = build(str(path))
@@ -111,6 +107,20 @@ def describe_model(
             f"Pinocchio cannot read {path}: {type(error).__name__}: {error}\n"
             "  next: correct the file (it wants at most one unnamed <default>), or give a URDF"
         ) from None
+    if twice := [name for name, count in Counter(robot.names).items() if count > 1]:  # of two bodies without a name
+        raise LitheError(f"Pinocchio takes joint {twice[0]} of {path} twice\n  next: give each <body> a name of its own")
+    return robot
+
+
+def describe_model(
+    path: str | Path, names: tuple[str, ...] = (), stribeck_rad_s: float = 0.0, cogging_per_turn: float = 0.0
+) -> Model:
+    """The robot of a .urdf file, or of MJCF. `names`: its joints in the order of the telemetry (default: the file's).
+
+    LitheError where Pinocchio is missing or cannot read the file, or where the joints that move are others. The weight
+    and size of the links in the file are not used but for `file_values`; its joints, lengths and gravity are.
+    """
+    robot = read_model(path)
     moving = list(robot.names)[1:]
     if robot.nv != len(moving) or sorted(names or moving) != sorted(moving):
         raise LitheError(

@@ -268,7 +268,8 @@ void add_modules(CLI::App& app) {
       {"agent", "a language model improves the law of a running robot: lithe agent --help"},
       {"mcp", "the robot as tools of the Model Context Protocol: lithe mcp --help"},
       {"evolve", "search laws and their parameters on the simulated robot: lithe evolve --help"},
-      {"identify", "what recorded motion tells of a chain of links: lithe identify --help"}};
+      {"identify", "what recorded motion tells of a chain of links: lithe identify --help"},
+      {"model", "the guard's model of the links, from a URDF or MJCF file: lithe model --help"}};
   for (const auto& [name, about] : modules) {
     CLI::App* verb = app.add_subcommand(name, about);
     verb->group(kAgents)->prefix_command()->set_help_flag();

@@ -388,7 +388,7 @@ def test_words_of_python_run_its_modules_and_say_what_is_missing(tmp_path: Path)
     def said(*words: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(words, check=False, capture_output=True, text=True, timeout=120, env=os.environ | env)
 
-    for name in ("agent", "mcp", "evolve", "identify"):
+    for name in ("agent", "mcp", "evolve", "identify", "model"):
         done = said(BIN / "lithe", name, "--help")
         assert done.returncode == 0 and f"python -m lithe.{name}" in done.stdout, done.stdout + done.stderr
         done = said(BIN / "lithe", name, "--no-such")
