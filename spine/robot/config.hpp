@@ -186,6 +186,7 @@ struct PlantConfig {
 struct JointModel {
   bool given = false;
   mechanics::Link link;
+  double coulomb_nm = 0;                  // dry friction of the hinge
   double torque_lag_s = 1e-3;             // of the motor, first order
   double velocity_filter_rad_s = 1256.6;  // bandwidth of the filter behind the drive's measured speed
   // Settled when the file is read (limits/model.hpp).

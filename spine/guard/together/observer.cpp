@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kLongestStepS = 2.5e-4;
 constexpr double kMostSpeed = 3;         // times the speed that is a fault: what a garbled sample can make of the state
+constexpr double kSlowRadS = 0.02;
 constexpr double kLongestBlockS = 1e-3;  // mass and bias count as constant for so long
 
 unsigned parts(double whole_s, double part_s) {
@@ -44,7 +45,9 @@ void Observer::configure(const robot::RobotConfig& robot) {
                  .lag_share = lag > 0 ? 1 - std::exp(-step_s_ / lag) : 1,
                  .filter_share = 1 - std::exp(-step_s_ * joint.model.velocity_filter_rad_s),
                  .damping_nm_s_rad = here ? 0 : joint.safe_kd_nm_s_rad,
-                 .most_rad_s = kMostSpeed * joint.velocity_max_rad_s * robot.guard.velocity_overrun};
+                 .most_rad_s = kMostSpeed * joint.velocity_max_rad_s * robot.guard.velocity_overrun,
+                 .coulomb_nm = joint.model.coulomb_nm,
+                 .slow_rad_s = std::max(kSlowRadS, 2 * step_s_ * joint.model.coulomb_nm / joint.inertia_min_kg_m2)};
   }
   steps_of_lag_ = static_cast<unsigned>(std::lround(lag_s_ / step_s_));
   forget();
@@ -61,6 +64,11 @@ void Observer::forget() LITHE_RT {
 
 double Observer::bounded(std::size_t j, double rad_s) const LITHE_RT {
   return std::clamp(rad_s, -joint_[j].most_rad_s, joint_[j].most_rad_s);
+}
+
+// Dry friction without its jump at rest: a step of it turns no speed round. The brake does not count on it (bias_nm).
+double Observer::friction_nm(std::size_t j, double rad_s) const LITHE_RT {
+  return joint_[j].coulomb_nm * rad_s / (std::abs(rad_s) + joint_[j].slow_rad_s);
 }
 
 void Observer::start(const Seen& seen) LITHE_RT {
@@ -92,7 +100,7 @@ void Observer::step(JointStates& at, const std::array<Told, kMaxJoints>& acting,
       const double before_nm = at.torque_nm[j];
       const double wanted_nm = acting[j].torque_at(at.position_rad[j], at.tracked_rad_s[j]);
       at.torque_nm[j] += joint_[j].lag_share * (wanted_nm - before_nm);
-      a[j] = 0.5 * (before_nm + at.torque_nm[j]) - bias_[j];
+      a[j] = 0.5 * (before_nm + at.torque_nm[j]) - bias_[j] - friction_nm(j, at.velocity_rad_s[j]);
     }
     mechanics::solve(joints, lower_, a);
     for (std::size_t j = 0; j < joints; ++j) {

@@ -81,6 +81,7 @@ class Observer {
     unsigned divider = 1;
     bool computed_here = false;  // our driver closes the PD loop, once in an exchange
     double lag_share = 1, filter_share = 1, damping_nm_s_rad = 0, most_rad_s = 0;
+    double coulomb_nm = 0, slow_rad_s = 1;  // dry friction, and the speed at which half of it acts
   };
   struct Tick {
     std::array<Told, kMaxJoints> acting{};
@@ -89,6 +90,7 @@ class Observer {
   };
 
   double bounded(std::size_t j, double rad_s) const LITHE_RT;
+  double friction_nm(std::size_t j, double rad_s) const LITHE_RT;
   void start(const Seen& seen) LITHE_RT;
   void take_over(const Seen& seen, Tick& tick) LITHE_RT;
   void correct(const Seen& seen, Tick& then) LITHE_RT;

@@ -76,6 +76,7 @@ void read_joint_model(Reader& in, const RobotConfig& robot, JointModel& model) {
   read_inertia(in, link.inertia_kg_m2);
   in.number("rotor_inertia_kg_m2", link.rotor_kg_m2, {0.0, 1.0e4});
   in.number("viscous_nm_s_rad", link.viscous_nm_s_rad, {0.0, kBig});
+  in.number("coulomb_nm", model.coulomb_nm, {0.0, kBig});
   in.number("torque_lag_s", model.torque_lag_s, {0.0, 0.05});
   in.number("velocity_filter_rad_s", model.velocity_filter_rad_s, {10.0, kBig});
   in.finish();
