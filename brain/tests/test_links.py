@@ -22,7 +22,8 @@ ARM = """<robot name="arm">
   {links}
   <link name="flange"><inertial><origin xyz="0.01 0 0.02"/><mass value="0.1"/>
     <inertia ixx="1e-4" iyy="1e-4" izz="2e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="weld" type="fixed"><parent link="link6"/><child link="flange"/><origin xyz="0 0.02 0.1" rpy="0 0.5 0"/></joint>
+  <joint name="weld" type="fixed"><parent link="link6"/><child link="flange"/>
+    <origin xyz="0 0.02 0.1" rpy="0 0.5 0"/></joint>
   <link name="finger"><inertial><mass value="0.03"/>
     <inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="grip" type="prismatic"><parent link="flange"/><child link="finger"/><origin xyz="0 0 0.05"/>
@@ -49,11 +50,12 @@ def pin() -> Any:
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    links = [
-        LINK.format(n=n, parent=f"link{n - 1}" if n > 1 else "base", axis=axis, mass=2.2 - 0.3 * n, com=f"0.02 0.01 0.1{n}",
-                    at=f"0.0{n} -0.02 0.2", rpy=f"{0.2 * n} {-0.3 + 0.1 * n} {n}", kind="continuous" if n == 6 else "revolute")
-        for n, axis in enumerate(AXES, 1)
-    ]  # fmt: skip
+    links = []
+    for n, axis in enumerate(AXES, 1):
+        parent, kind = f"link{n - 1}" if n > 1 else "base", "continuous" if n == 6 else "revolute"
+        mass, com, at = 2.2 - 0.3 * n, f"0.02 0.01 0.1{n}", f"0.0{n} -0.02 0.2"
+        rpy = f"{0.2 * n} {-0.3 + 0.1 * n} {n}"
+        links.append(LINK.format(n=n, parent=parent, kind=kind, axis=axis, mass=mass, com=com, at=at, rpy=rpy))
     path = tmp_path_factory.mktemp("arm") / "arm.urdf"
     path.write_text(ARM.format(links="\n".join(links)))
     return path
@@ -116,7 +118,9 @@ def test_what_is_written_moves_as_the_file_does(
     theirs = pin.buildReducedModel(whole, [whole.getJointId("grip")], pin.neutral(whole))
     text = out.read_text()
     assert worst(pin, built(pin, text), theirs) < 1e-7
-    assert [joint["model"]["viscous_nm_s_rad"] for joint in tomllib.loads(text)["joint"]] == [0.01 * n for n in range(1, 7)]
+    assert [joint["model"]["viscous_nm_s_rad"] for joint in tomllib.loads(text)["joint"]] == [
+        0.01 * n for n in range(1, 7)
+    ]
     other = text.replace("rest_rad = [0.2, ", "rest_rad = [0.3, ")
     assert other != text and worst(pin, built(pin, other), theirs) > 1e-3, "the comparison sees a wrong angle"
 

@@ -36,7 +36,9 @@ def programs(names: list[str]) -> dict[str, str]:
     tests = [test for test in json.loads(told)["tests"] if test.get("command")]
     known = {re.sub(r"^[^/.]+/|/.*$", "", test["name"]): test["command"][0] for test in tests}
     if missing := [name for name in names if name not in known]:
-        sys.exit(f"not built, or of no such name: {', '.join(missing)}\nnext: make test, or correct tests/cases/table.toml")
+        sys.exit(
+            f"not built, or of no such name: {', '.join(missing)}\nnext: make test, or correct tests/cases/table.toml"
+        )
     return {name: known[name] for name in names}
 
 
@@ -93,7 +95,8 @@ def main() -> int:
     args = parser.parse_args()
     chosen = [case for case in table() if args.words in case["says"] + case["kind"]]
     if args.twins:
-        return 0 if all([refuted(case) for case in chosen if "twin" in case]) else 1
+        seen = [refuted(case) for case in chosen if "twin" in case]
+        return 0 if seen and all(seen) else 1
     bad = 0
     for case in chosen:
         says = failed(case)

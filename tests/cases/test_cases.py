@@ -5,7 +5,9 @@ import re
 
 from cases.run import ROOT, table
 
-SOURCES = [path for room in ("spine", "supervisor", "lawd", "trial", "host", "tests") for path in (ROOT / room).rglob("*.cpp")]
+SOURCES = [
+    path for room in ("spine", "supervisor", "lawd", "trial", "host", "tests") for path in (ROOT / room).rglob("*.cpp")
+]
 TWINS = {
     "answers as events",
     "adoption",

@@ -108,7 +108,9 @@ def read_model(path: str | Path) -> Any:
             "  next: correct the file (it wants at most one unnamed <default>), or give a URDF"
         ) from None
     if twice := [name for name, count in Counter(robot.names).items() if count > 1]:  # of two bodies without a name
-        raise LitheError(f"Pinocchio takes joint {twice[0]} of {path} twice\n  next: give each <body> a name of its own")
+        raise LitheError(
+            f"Pinocchio takes joint {twice[0]} of {path} twice\n  next: give each <body> a name of its own"
+        )
     return robot
 
 

@@ -10,7 +10,7 @@ namespace lithe::guard {
 namespace {
 
 constexpr double kLongestStepS = 2.5e-4;
-constexpr double kMostSpeed = 3;         // times the speed that is a fault: what a garbled sample can make of the state
+constexpr double kMostSpeed = 3;  // times the speed that is a fault: what a garbled sample can make of the state
 constexpr double kSlowRadS = 0.02;
 constexpr double kLongestBlockS = 1e-3;  // mass and bias count as constant for so long
 
