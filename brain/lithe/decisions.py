@@ -32,10 +32,16 @@ _NEXT = {
     PlanReject.position_limit: "keep every waypoint within the joint's limits: robot.spine.info['position_max_rad']",
 }
 _NEXT_IN_MODE = {
-    Mode.estop: "when it is safe: reset, then arm, then publish again",
-    Mode.safe_stop: "find the cause (status), then reset, arm, and publish again",
-    Mode.recover: "wait until every joint is inside its limits, then arm, then publish again",
+    Mode.estop: "when it is safe: reset, then arm, then ask for the motion again",
+    Mode.safe_stop: "find the cause (status), then reset, arm, and ask for the motion again",
+    Mode.recover: "wait until every joint is inside its limits, then arm, then ask for the motion again",
 }
+
+
+def refused_in(mode: Mode) -> Refused:
+    """A plan in a mode in which none is followed."""
+    next_step = _NEXT_IN_MODE.get(mode, "arm, then ask for the motion again")
+    return Refused("refused_mode", f"in mode {mode.name} no plan is followed", next_step)
 
 
 class Decisions:
@@ -61,9 +67,7 @@ class Decisions:
         if reason == PlanReject.none:
             return None
         if reason == PlanReject.mode:
-            mode = Mode(int(decision["value"]))
-            next_step = _NEXT_IN_MODE.get(mode, "arm, then publish again")
-            return Refused("refused_mode", f"in mode {mode.name} no plan is followed", next_step)
+            return refused_in(Mode(int(decision["value"])))
         why = bytes(decision["text"]).decode(errors="replace")
         names = ("joint", "waypoint", "value", "limit", "way_rad", "needs_s")
         numbers = {name: decision[name].item() for name in names}

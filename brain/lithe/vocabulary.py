@@ -13,8 +13,6 @@ from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
 from typing import Any
 
-from .errors import Refused
-
 Schema = dict[str, Any]
 
 
@@ -22,6 +20,7 @@ class Effect(Enum):
     """What a verb may do to the robot."""
 
     reads = "reads"
+    claims = "claims"  # it changes who may move the robot
     stops = "stops"  # it stops the robot, or goes back to a law or values that ran before
     moves = "moves"  # the robot may move after it, otherwise than before
 
@@ -94,10 +93,11 @@ _FIELDS = _list(
 _BRIEF = _flag("false: the whole (default true)")
 _ARM = {"all_the_same": _flag("true: also a law that has stopped the robot")}
 _NUMBERS: Schema = {"type": "array", "items": {"type": "number"}}
+_ROW: Schema = {"anyOf": [_NUMBERS, {"type": "number"}]}  # a number: of the only joint
 _EACH: Schema = {"description": "one number for all joints, or one for each", "anyOf": [{"type": "number"}, _NUMBERS]}
 _LAW = {
     "source": _text("the whole law: C++ that includes <lithe/law.hpp>"),
-    "name": _text("its name in diagnostics and certificate, for example pd.cpp"),
+    "name": _text("of its text, in diagnostics and as `source`: pd.cpp; the law's own name is in LITHE_LAW"),
 }
 _TERMS = {
     "shadow_s": _number("first computes beside the running law for this time", minimum=0),
@@ -105,7 +105,7 @@ _TERMS = {
     "box_ms": _number("time of the trial", exclusiveMinimum=0),
     "brief": _flag("true (default): less than 2 kB; the certificate is the document it names. false: the whole"),
 }
-_WAYPOINTS = _list(_NUMBERS, "one row per waypoint, one number per joint", maxItems=16)
+_WAYPOINTS = _list(_ROW, "one row per waypoint, one number per joint", maxItems=16)
 
 _VERBS = (
     Verb(
@@ -118,7 +118,7 @@ _VERBS = (
     Verb("ping", "The supervisor's process id."),
     Verb(
         "status",
-        "Mode, fault, law, alarms (the worst first), joints and drives with their problems, lost ticks.",
+        "Mode, fault, law, alarms, joints and drives with their problems.",
         args={"brief": _BRIEF},
         commands=("top",),
     ),
@@ -137,19 +137,19 @@ _VERBS = (
     ),
     Verb(
         "incidents",
-        "What was kept around faults, rollbacks, refusals in the tick and changes of mode.",
+        "The faults, rollbacks and changes of mode that were recorded.",
         commands=("incident list",),
     ),
     Verb(
         "incident",
-        "One of them: what happened, extremes of each joint, the events of that time, the file of its telemetry.",
+        "One of them: what happened. Extremes of each joint, the events of that time, the file of its telemetry.",
         args={"id": _integer("its number; 0 or left out: the newest", minimum=0)},
         commands=("incident show",),
     ),
     Verb("latest", "The newest telemetry record.", args={"fields": _FIELDS, "brief": _BRIEF}),
     Verb(
         "history",
-        "Columns of telemetry: every tick of the last 4096, and before them every 20th of the last 60 s (`thinned`). "
+        "Columns of telemetry. Every tick of the last 4096, and before them every 20th of the last 60 s (`thinned`). "
         "A tool's answer has at most 65536 bytes, about 5000 numbers: choose fields and joints; else ticks are left "
         "out, and `every` says so.",
         args={
@@ -165,8 +165,8 @@ _VERBS = (
     ),
     Verb(
         "measure",
-        "How well the running law follows: law and parameters, each joint's error (rms, median, largest and its tick) "
-        "and torque, missed ticks, for how long no plan was followed, and in which share of the ticks the guard "
+        "How well the running law follows, by joint. Law and parameters, each joint's error (rms, median, largest and "
+        "its tick) and torque, missed ticks, for how long no plan was followed, in which share of the ticks the guard "
         "changed a joint's torque, with the flags of these ticks. Mode active only. `law_changed`: the law or its "
         "parameters changed since your last call, why, and what leads back.",
         args={"seconds": _number("how far back (default 4)", exclusiveMinimum=0, maximum=60)},
@@ -178,7 +178,7 @@ _VERBS = (
         args={"seconds": _number("how far back (default 4); the Spine has 4096 ticks", exclusiveMinimum=0)},
     ),
     Verb("state", "The running law's State, name -> value."),
-    Verb("documents", "What there is to read: the contract of a law, rules, usual mistakes, laws, swaps so far."),
+    Verb("documents", "What there is to read. The contract of a law, rules, usual mistakes, laws, swaps so far."),
     Verb(
         "document",
         "The text of one of them.",
@@ -187,7 +187,7 @@ _VERBS = (
         commands=("law show",),
     ),
     Verb("params", "The running law's parameters: value, min, max.", commands=("param get",)),
-    Verb("law_list", "The laws in the Spine, which one runs, and how each did: verdict, rms error by joint."),
+    Verb("law_list", "The loaded laws, which one runs, and how well each followed."),
     Verb(
         "law_check",
         "Compiles a law and runs it on harmless inputs. Nothing reaches the robot. `swap` with `promote: false` tries "
@@ -197,7 +197,7 @@ _VERBS = (
     ),
     Verb(
         "swap",
-        "Replaces the running law, once the new one has passed compiler, admission and trial. Returns the certificate; "
+        "Replaces the running law, if the new one passes all checks. Returns the certificate; "
         "with wait, when the probation is over: verdict, rms errors of old and new law (`new` with the first second, "
         "in which the joints come to the setpoint; `new_late` without; later `measure`), why it was rolled back.",
         Effect.moves,
@@ -219,8 +219,8 @@ _VERBS = (
     ),
     Verb(
         "shadow",
-        "Runs a law beside the running one, without effect, for shadow_s (default 2). `shadow_rms_nm`, "
-        "`shadow_most_nm`: how far its torques differ, per joint.",
+        "Compares a law with the running one; it never runs. Default of shadow_s: 2. `shadow_rms_nm`, "
+        "`shadow_most_nm`: joint -> by how much its torque differs [N m].",
         Effect.moves,
         args={**_LAW, "params": _VALUES, **_TERMS},
         required=("source",),
@@ -229,6 +229,7 @@ _VERBS = (
     Verb(
         "lease",
         "Who has the right to move the robot; with take: true, this client takes it, and others are refused (leased).",
+        Effect.claims,
         args={
             "take": _flag("true: take or prolong it; false: give it back"),
             "seconds": _number("it ends so long after the holder's last moving verb", exclusiveMinimum=0, maximum=600),
@@ -265,7 +266,7 @@ _VERBS = (
     ),
     Verb(
         "set_inputs",
-        "Numbers for the running law beside the plan (`describe.inputs`), from the next tick on; the others stay.",
+        "Numbers for the running law beside the plan (`describe.inputs`); the others stay.",
         Effect.moves,
         args={"values": {**_VALUES, "description": "input name -> number in its range; {}: only keeps them fresh"}},
         required=("values",),
@@ -287,7 +288,7 @@ _VERBS = (
             "to_hz": _number("chirp: its last frequency", exclusiveMinimum=0),
             "duration_s": _number("chirp: its length", exclusiveMinimum=0),
             "t_s": _list({"type": "number"}, "waypoints: ascending times"),
-            "position_rad": _list(_NUMBERS, "steps, waypoints: rows of one number per joint", maxItems=1000),
+            "position_rad": _list(_ROW, "steps, waypoints: rows of one number per joint", maxItems=1000),
             "every_s": _number("steps: from one to the next", exclusiveMinimum=0),
             "rise_s": _number("steps: how long a step takes", exclusiveMinimum=0),
             "ramp_s": _number("how long it takes to fade in", exclusiveMinimum=0),
@@ -299,7 +300,7 @@ _VERBS = (
         commands=("move", "jog"),
         tier=Tier.move,
     ),
-    Verb("reference", "The reference that is streamed, since when, its interruptions, and why the one before ended."),
+    Verb("reference", "The reference that is streamed. Since when, its interruptions, and why the one before ended."),
     Verb("stop_reference", "The reference comes to rest.", Effect.stops, first=True),
     Verb("arm", "Torque on: the law runs from the next tick.", Effect.moves, args=_ARM, first=True, tier=Tier.move),
     Verb("recover", "Brings joints back inside their limits, slowly.", Effect.moves, first=True, tier=Tier.move),
@@ -329,7 +330,8 @@ _VERBS = (
     ),
     Verb(
         "activate",
-        "That law runs again, with its state; one of those that ran before and are still loaded (law_list).",
+        "A law that ran before (law_list) runs again; those after it are lost. The answer lists "
+        "them as `dropped`. It runs with its state. Of several with that name: the newest.",
         Effect.stops,
         args={"law": {"description": "its name, or its law_id", "anyOf": [{"type": "string"}, {"type": "integer"}]}},
         required=("law",),
@@ -349,7 +351,9 @@ _VERBS = (
 )
 _DRY = {"dry_run": _flag("true: what would happen, or why it would be refused; nothing changes")}
 VERBS = tuple(
-    each if each.effect is Effect.reads or each.name == "estop" else replace(each, args={**each.args, **_DRY})
+    each
+    if each.effect in (Effect.reads, Effect.claims) or each.name == "estop"
+    else replace(each, args={**each.args, **_DRY})
     for each in _VERBS
 )
 BY_NAME = {each.name: each for each in VERBS}
@@ -390,11 +394,3 @@ def nearest(name: str, known: Iterable[str]) -> str:
     known = sorted(known)
     near = difflib.get_close_matches(name, known, 1)
     return (f"did you mean '{near[0]}'? " if near else "") + f"one of: {', '.join(known)}"
-
-
-def check_names(verb: Verb, args: dict[str, Any]) -> None:
-    """Raises Refused for the first argument that `verb` does not have. The values are for the verb to check."""
-    for name in args:
-        if name not in verb.args:
-            next_step = nearest(name, verb.args) if verb.args else "it takes none"
-            raise Refused("usage", f"'{verb.name}' has no argument '{name}'", next_step)

@@ -38,16 +38,16 @@ from ..certificates import params_with_verdict, with_verdict
 from ..errors import LitheError, NotRunning, Refused
 from ..identify import live
 from ..robot import Robot
-from ..vocabulary import BY_NAME, VERBS, Effect, Tier, check_names, nearest, tier_of
+from ..vocabulary import BY_NAME, VERBS, Effect, Tier, nearest, tier_of
 from . import changes, documents, dry, happened
-from .answers import Encoded, encode, in_the_words_of_verbs, refusal, refused_by, unprintable_in
+from .answers import Encoded, check, encode, in_the_words_of_verbs, refusal, refused_by, unprintable_in
 from .brief import brief, brief_detail, brief_params, brief_status, diff
 from .changes import LawWatch, unproven
 from .client import MOST_REQUEST_BYTES, Client
 from .lease import USUAL_S, Lease
 from .lobby import Hello, Lobby
 from .parts import chain_of, parts_of, simulation_of
-from .peer import AWAY_S, Peer, Peers
+from .peer import AWAY_S, Peer, Peers, Pressed, peer_of
 from .records import Records
 from .references import References
 from .token import lower, write_token
@@ -55,7 +55,6 @@ from .turns import Turns
 
 __all__ = ["Gateway", "encode", "write_token"]
 
-SHADOW_S = 2.0
 MOST_CLIENTS = 32  # each may keep a connection to the supervisor, which serves 64
 FIRST = frozenset(each.name for each in VERBS if each.first)  # they move or stop the robot
 Verb = Callable[[dict[str, Any]], Any]
@@ -94,6 +93,7 @@ class Gateway:
         self._say = say or (lambda words: print(f"lithe.gateway: {words}", file=sys.stderr, flush=True))
         self._places = threading.BoundedSemaphore(MOST_CLIENTS)
         self.references = References(robot)
+        self.pressed = Pressed(robot)
         self.lease = Lease()
         self.peers = Peers()
         self.laws = LawWatch(robot)
@@ -109,10 +109,10 @@ class Gateway:
             "publish": self._publish,
             "set_inputs": self._set_inputs,
             "swap": self._swap,
-            "shadow": lambda args: self._swap({"shadow_s": SHADOW_S, **args, "promote": False}),
+            "shadow": lambda args: self._swap(dry.compared(args)),
             "identify": self._identify,
-            "estop": lambda _: robot.estop(),
-            "reset": lambda _: robot.reset(),
+            "estop": lambda _: self.pressed.estop(self._asking.client),
+            "reset": lambda _: self.pressed.reset(),
             "state": lambda _: robot.state(),
             "documents": lambda _: {"documents": documents.listed()},
             "document": self._document,
@@ -144,7 +144,8 @@ class Gateway:
     def _admit(self, link: socket.socket, hello: Hello, rest: bytes, tier: Tier) -> bytes | None:
         """A client that knows the token gets a place, or is refused; for an e-stop it needs none."""
         if hello.get("estop") is True:
-            threading.Thread(target=self._estop_only, args=(link,), name="lithe-gateway-estop", daemon=True).start()
+            who = link, peer_of(link, hello, tier)
+            threading.Thread(target=self._estop_only, args=who, name="lithe-gateway-estop", daemon=True).start()
             return None
         if not self._places.acquire(blocking=False):
             many = f"{MOST_CLIENTS} clients are served already"
@@ -153,10 +154,10 @@ class Gateway:
         threading.Thread(target=self._serve, args=words, name="lithe-gateway-client", daemon=True).start()
         return None
 
-    def _estop_only(self, link: socket.socket) -> None:
+    def _estop_only(self, link: socket.socket, me: Peer) -> None:
         with link, contextlib.suppress(OSError):
             link.settimeout(5.0)
-            link.sendall(self._answer(b'{"id": 1, "verb": "estop"}')[0])
+            link.sendall(self._answer(b'{"id": 1, "verb": "estop"}', me)[0])
 
     def _serve(self, link: socket.socket, rest: bytes, me: Peer) -> None:
         try:
@@ -207,7 +208,7 @@ class Gateway:
             known = BY_NAME[verb]
             # What stops the robot is never refused for an argument too many.
             if known.effect is not Effect.stops:
-                check_names(known, args)
+                check(known, args)
         ours = own is self._ours.get(verb)
         self._may(verb, args, ours)
         if ours and verb in BY_NAME and "dry_run" in BY_NAME[verb].args and args.pop("dry_run", False):
@@ -265,7 +266,7 @@ class Gateway:
 
     # ---- the gateway's own verbs
     def _status(self, args: dict[str, Any]) -> Any:
-        whole = self.robot.status()
+        whole = self.pressed.told(self.robot.status(), self._asking.client)
         return brief_status(whole) if args.get("brief", True) else whole
 
     def _describe(self, args: dict[str, Any]) -> Any:
@@ -317,6 +318,7 @@ class Gateway:
         return self.references.set(args, self._asking.client) | unproven(self.robot)
 
     def _dry_run(self, verb: str, args: dict[str, Any]) -> Any:
+        args = dry.compared(args) if verb == "shadow" else args
         told = dry.told(self.robot, self.references, verb, args, self._tier)
         lease = self.lease.told(self._asking.client)
         if BY_NAME[verb].effect is Effect.moves and lease["holder"] and not lease["yours"]:
@@ -350,7 +352,7 @@ class Gateway:
             raise
         if wait:
             certificate = with_verdict(self.robot, certificate, self._wants_more)
-        return (brief(certificate) if short else certificate) | differs
+        return (brief(certificate, self.robot.spine.joint_names) if short else certificate) | differs
 
     def _wants_more(self) -> bool:
         """Whether the client that waits for a verdict has asked for a stop meanwhile; else it is not silent."""
@@ -358,7 +360,10 @@ class Gateway:
         return bool(self._asking.stop_waits())
 
     def _document(self, args: dict[str, Any]) -> Any:
-        return documents.read(str(args["name"]), lambda: Path(self.robot.call("status")["records"]))
+        def records() -> Path:
+            return Path(self.robot.call("status")["records"])
+
+        return documents.read(args["name"], records, self.robot.spine.joint_names)
 
     def _lease_verb(self, args: dict[str, Any]) -> Any:
         who = self._asking.client

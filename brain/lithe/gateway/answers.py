@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Answers as lines of JSON, in words that a client can use which has nothing but verbs."""
+"""Whether a request is what it may be; and answers as lines of JSON, in words of a client that has verbs only."""
 
 from __future__ import annotations
 
@@ -9,9 +9,16 @@ from typing import Any
 
 from ..control import plain
 from ..errors import LitheError, NotRunning, Refused
-from ..vocabulary import in_verbs
+from ..vocabulary import Schema, Verb, in_verbs, nearest
 
 MOST_SHOWN = 100
+TYPES: dict[str, tuple[type, ...]] = {
+    "number": (int, float), "integer": (int,), "string": (str,), "boolean": (bool,), "array": (list,),
+    "object": (dict,),
+}  # fmt: skip
+WORDS = {"boolean": "true or false", "string": "a text", "integer": "a whole number", "number": "a number",
+         "array": "a list", "object": "an object"}  # fmt: skip
+MOST_VALUE_SHOWN = 40
 
 
 class Encoded(bytes):
@@ -53,7 +60,7 @@ def refused_by(error: Exception) -> Refused:
         return Refused("disconnected", str(error), "start the robot, then ask again")
     if isinstance(error, RecursionError | ValueError | TypeError | KeyError | ArithmeticError):
         what = {RecursionError: "nested too deeply", KeyError: f"missing: {error}"}.get(type(error), str(error))
-        return Refused("bad_request", f"bad request: {what}", "the document verbs has verbs and arguments")
+        return Refused("bad_request", what, "the document verbs has verbs and arguments")
     return Refused("error", str(error) if isinstance(error, LitheError) else f"{type(error).__name__}: {error}")
 
 
@@ -92,3 +99,50 @@ def unprintable_in(value: Any, name: str = "") -> str | None:
     else:
         return None
     return next((found for key, item in items if (found := unprintable_in(item, key)) is not None), None)
+
+
+def check(verb: Verb, args: dict[str, Any]) -> None:
+    """Raises Refused with every wrong name (`usage`), wrong type and missing argument (`bad_request`), not ranges."""
+    unknown = [name for name in args if name not in verb.args]
+    wrong = [f"'{verb.name}' has no argument '{name}'" for name in unknown]
+    missing = [name for name in verb.required if name not in args]
+    if missing:
+        wrong.append(f"'{verb.name}' needs {' and '.join(repr(name) for name in missing)}")
+    found = (_wrong(name, value, verb.args.get(name, {})) for name, value in args.items())
+    wrong += [words for words in found if words]
+    if not wrong:
+        return
+    next_step = f"describe with verb = {verb.name} has its arguments"
+    if unknown:
+        next_step = nearest(unknown[0], verb.args) if verb.args else "it takes none"
+    raise Refused("usage" if unknown else "bad_request", "; ".join(wrong), next_step)
+
+
+def _wrong(where: str, value: Any, schema: Schema) -> str | None:
+    """A sentence for the first place in a value that is of another type than its schema says."""
+    choices = [each for each in schema.get("anyOf", [schema]) if "type" in each]
+    fits = [each for each in choices if _is(value, each["type"])]
+    if choices and not fits:
+        return f"{where} = {shown(value)} is not {' or '.join(WORDS[each['type']] for each in choices)}"
+    parts: list[tuple[str, Any]] = []
+    inner: Schema = {}
+    if fits and isinstance(value, list):
+        parts, inner = [(f"{where}[{i}]", each) for i, each in enumerate(value)], fits[0].get("items", {})
+    elif fits and isinstance(value, dict):
+        parts, inner = (
+            [(f"{where}.{key}", each) for key, each in value.items()],
+            fits[0].get("additionalProperties", {}),
+        )
+    return next((words for name, each in parts if (words := _wrong(name, each, inner))), None)
+
+
+def _is(value: Any, kind: str) -> bool:
+    if isinstance(value, bool):
+        return kind == "boolean"
+    return isinstance(value, TYPES[kind]) or (kind == "integer" and isinstance(value, float) and value.is_integer())
+
+
+def shown(value: Any) -> str:
+    """The beginning of a JSON value."""
+    text = json.dumps(value)
+    return text if len(text) <= MOST_VALUE_SHOWN else f"{text[:MOST_VALUE_SHOWN]}..."

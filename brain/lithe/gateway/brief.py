@@ -6,6 +6,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
+from collections.abc import Sequence
 from typing import Any
 
 Json = dict[str, Any]
@@ -110,7 +111,7 @@ def _hints(hints: list[str]) -> Json:
     return ({"hints": kept} if kept else {}) | left_out
 
 
-def _parts(certificate: Json) -> Json:
+def _parts(certificate: Json, joints: Sequence[str] = ()) -> Json:
     """What is told of it, the most important first."""
     parts: Json = {}
     if "certificate" in certificate:
@@ -136,7 +137,8 @@ def _parts(certificate: Json) -> Json:
     if warnings := (certificate.get("trial") or {}).get("warnings"):
         parts["warnings"] = warnings
     if shadow := certificate.get("shadow"):
-        parts |= {f"shadow_{key}": shadow[key] for key in ("ticks", "most_nm", "rms_nm")}
+        parts["shadow_ticks"] = shadow["ticks"]
+        parts |= {f"shadow_{key}": dict(zip(joints, shadow[key], strict=False)) for key in ("most_nm", "rms_nm")}
     return parts
 
 
@@ -157,9 +159,9 @@ def brief_params(answer: Json) -> Json:
     return told
 
 
-def brief(certificate: Json) -> Json:
-    """Less than 1 kB of JSON."""
-    told: Json = beginning(_rounded(_parts(certificate)), MOST_BYTES - 1) or {}
+def brief(certificate: Json, joints: Sequence[str] = ()) -> Json:
+    """Less than 1 kB of JSON. `joints`: the robot's, in order."""
+    told: Json = beginning(_rounded(_parts(certificate, joints)), MOST_BYTES - 1) or {}
     return told
 
 
@@ -174,7 +176,7 @@ def brief_status(status: Json) -> Json:
     bad = [each for each in joints if each.get("problems") or each.get("drive")]
     keys = ("name", "problems", "drive", "drive_state")
     parts["problems"] = beginning([{key: each.get(key) for key in keys} for each in bad], MOST_PART_BYTES) or []
-    parts["position_rad"] = [each.get("position_rad") for each in joints]
+    parts["position_rad"] = {each.get("name"): each.get("position_rad") for each in joints}
     parts["params"] = status.get("params")
     told: Json = beginning(_rounded(parts), MOST_STATUS_BYTES) or {}
     return told

@@ -44,8 +44,6 @@ class Args:
 
     def _array(self, name: str, usual: Any) -> Vector:
         given = self._left.pop(name, usual)
-        if given is None:
-            raise Refused("usage", f"a reference of this kind needs '{name}'", f"give {name}")
         try:
             value = np.asarray(given, dtype=np.float64)
         except (TypeError, ValueError):
@@ -90,24 +88,27 @@ class Args:
 
     def frequencies(self, name: str) -> Vector:
         """Frequencies [Hz] above 0 that plans can carry -> (n,)."""
+        given = self._left.get(name)
         value = np.atleast_1d(self._array(name, None))
         if value.ndim != 1 or not 1 <= len(value) <= 64:
             raise Refused("usage", f"'{name}' has shape {value.shape}", "1 to 64 frequencies")
-        return _in_range(name, value)
+        return _in_range(name, given, value)
 
     def each_frequency(self, name: str) -> Vector:
         """One frequency [Hz] for all joints, or one for each -> (joints,)."""
-        return _in_range(name, self.each(name))
+        given = self._left.get(name)
+        return _in_range(name, given, self.each(name))
 
     def end(self, kind: str) -> None:
         if self._left:
-            raise Refused("usage", f"a reference of kind '{kind}' has no argument '{min(self._left)}'", "leave it out")
+            names = " and ".join(repr(name) for name in sorted(self._left))
+            raise Refused("usage", f"a reference of kind '{kind}' has no argument {names}", "leave it out")
 
 
-def _in_range(name: str, value: Vector) -> Vector:
+def _in_range(name: str, given: Any, value: Vector) -> Vector:
     if value.min() <= 0 or value.max() > HIGHEST_HZ:
         next_step = f"above 0 and at most {HIGHEST_HZ:g} Hz: a plan has a point every 20 ms"
-        raise Refused("usage", f"'{name}' is {value.tolist()}", next_step)
+        raise Refused("usage", f"'{name}' is {given}", next_step)
     return value
 
 
@@ -206,6 +207,13 @@ KINDS: dict[str, Callable[[Args], Curve]] = {
     "sine": _sine, "multisine": _multisine, "chirp": _chirp, "steps": _steps, "waypoints": _waypoints,
 }  # fmt: skip
 
+SWINGS = ("centre_rad", "amplitude_rad")
+NEEDS = {
+    "sine": (*SWINGS, "frequency_hz"), "multisine": (*SWINGS, "frequency_hz"),
+    "chirp": (*SWINGS, "from_hz", "to_hz", "duration_s"), "steps": ("position_rad", "every_s"),
+    "waypoints": ("t_s", "position_rad"),
+}  # fmt: skip
+
 
 def curve_of(args: dict[str, Any], joints: int) -> Curve:
     """The curve of a reference: its `kind` and that kind's arguments. Raises Refused where they are wrong."""
@@ -213,6 +221,10 @@ def curve_of(args: dict[str, Any], joints: int) -> Curve:
     kind = str(rest.pop("kind", ""))
     if kind not in KINDS:
         raise Refused("usage", f"there is no reference of kind '{kind}'", f"one of: rest, {', '.join(KINDS)}")
+    missing = [name for name in NEEDS[kind] if rest.get(name) is None]
+    if missing:
+        names = " and ".join(repr(name) for name in missing)
+        raise Refused("usage", f"a reference of kind '{kind}' needs {names}", f"give {', '.join(missing)}")
     given = Args(rest, joints)
     curve = KINDS[kind](given)
     given.end(kind)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,15 +54,17 @@ def listed() -> list[Json]:
     return [{"name": name, "type": kind, "what": what} for name, kind, what in all_of_them]
 
 
-def read(name: str, records: Callable[[], Path]) -> Json:
-    """`name`, `type` and `text` of one. Refused: there is none of that name. `records`: the folder of certificates."""
+def read(name: str, records: Callable[[], Path], joints: Sequence[str] = ()) -> Json:
+    """`name`, `type` and `text` of one. Refused: there is none of that name. `records`: the folder of certificates;
+    `joints`: the robot's, in order.
+    """
     kinds = {each["name"]: each["type"] for each in listed()}
     if swap := OF_A_SWAP.fullmatch(name):
         kinds[name] = CPP if swap[2] else JSON
     if name not in kinds:
         raise Refused("unknown_document", f"there is no document '{name}'", nearest(name, kinds))
     if name == "swaps":
-        return {"name": name, "type": kinds[name], "text": json.dumps(swaps(records()))}
+        return {"name": name, "type": kinds[name], "text": json.dumps(swaps(records(), joints))}
     path = FIXED[name][2] if name in FIXED else LAWS / name.removeprefix("laws/")
     if swap:
         path = records() / f"{swap[1]}{swap[2] or '.json'}"
@@ -90,13 +92,13 @@ def fields_of_a_tick(wire: str) -> str:
     )
 
 
-def swaps(folder: Path) -> list[Json]:
+def swaps(folder: Path, joints: Sequence[str] = ()) -> list[Json]:
     """The newest certificates of a folder in short, as many as fit, the oldest first; unreadable ones are left out."""
     told: list[Json] = []
     left_bytes = MOST_SWAPS_BYTES - 2
     for path in sorted(folder.glob("[0-9]*.json"), key=lambda each: (len(each.name), each.name), reverse=True):
         try:
-            one = brief(json.loads(path.read_text(encoding="utf-8")) | {"certificate": path.name})
+            one = brief(json.loads(path.read_text(encoding="utf-8")) | {"certificate": path.name}, joints)
         except (OSError, ValueError, TypeError, AttributeError):
             continue
         left_bytes -= len(json.dumps(one)) + 2

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._wire import Fault, Mode
+from ..decisions import refused_in
 from ..errors import Refused
 from ..robot import Robot
 from ..vocabulary import BY_NAME, Tier, tier_of
@@ -34,6 +35,13 @@ MODES: dict[str, tuple[tuple[Mode, ...], str]] = {
     "stop_reference": (tuple(Mode), "the reference comes to rest within 0.5 s"),
 }
 
+SHADOW_S = 2.0
+
+
+def compared(args: Json) -> Json:
+    """The arguments of `swap` that do what `shadow` does."""
+    return {"shadow_s": SHADOW_S, **args, "promote": False}
+
 
 def told(robot: Robot, references: References, verb: str, args: Json, tier: Tier) -> Json:
     """Of a client whose token has `tier`: `would` or `refused`."""
@@ -53,22 +61,24 @@ def told(robot: Robot, references: References, verb: str, args: Json, tier: Tier
 
 def _would(robot: Robot, references: References, verb: str, args: Json, mode: Mode, fault: Fault, tier: Tier) -> Json:
     if verb in ("swap", "shadow"):
-        return _swap(robot, args, tier)
+        return _swap(robot, args, mode, tier)
     if verb == "set_params":
         tried = robot.call("set_params", **{k: v for k, v in args.items() if k != "wait"}, dry_run=True)
         kept = {key: tried[key] for key in ("trial_ms", "warnings") if key in tried}
         return {"would": "the values passed the trial, and would be in force from one tick on", **kept}
     if verb == "set_reference":
-        return {"would": "it starts, faded in from where the joints are", **references.set(args, dry_run=True)}
+        ramp = references.set(args, dry_run=True)
+        _check_follows(mode)
+        return {"would": "it starts, faded in from where the joints are", **ramp}
     if verb == "publish":
         _check_plan(references, args)
+        _check_follows(mode)
         return {"would": "the Spine gets the plan; it checks times and speeds between its waypoints itself"}
     if verb == "set_inputs":
         robot.inputs.check(**args["values"])
         return {"would": "the law has them from the next tick on"}
     if verb in ("rollback", "activate"):
-        law = _law_after(robot.call("law_list")["resident"], verb, args)
-        return {"would": f"law '{law['law']}' runs from the next tick, with its state", "law_id": law["law_id"]}
+        return _goes_back(robot.call("law_list")["resident"], verb, args, mode)
     if verb == "revert_params":
         last = robot.call("status")["last_params"] or {}
         if not last.get("before"):
@@ -82,7 +92,12 @@ def _would(robot: Robot, references: References, verb: str, args: Json, mode: Mo
     return {"would": would}
 
 
-def _swap(robot: Robot, args: Json, tier: Tier) -> Json:
+def _runs(mode: Mode) -> str:
+    """From when on a law runs that is put in place in that mode."""
+    return "from the next tick" if mode in (Mode.active, Mode.hold) else f"after arm: the mode is {mode.name}"
+
+
+def _swap(robot: Robot, args: Json, mode: Mode, tier: Tier) -> Json:
     try:
         args = {key: value for key, value in args.items() if key not in ("brief", "wait")}
         robot.call("swap", **args, fenced=tier < Tier.person, dry_run=True)
@@ -92,8 +107,18 @@ def _swap(robot: Robot, args: Json, tier: Tier) -> Json:
         certificate: Any = end.detail.get("swap") or {}
         trial = certificate.get("trial") or {}
         found = {key: trial[key] for key in ("hints", "warnings") if trial.get(key)}
-        return {"would": "the law passed compiler, admission and trial; it would run from the next tick", **found}
+        beside = f"beside the running law for {args['shadow_s']:g} s, without effect" if args.get("shadow_s") else ""
+        then = f"it would run {_runs(mode)}"
+        if beside:
+            never = args.get("promote") is False
+            then = f"it would compute {beside}, and {'never run' if never else 'run after that'}"
+        return {"would": f"the law passed compiler, admission and trial; {then}", **found}
     raise Refused("error", "the supervisor does not know dry_run", "build both from the same source")
+
+
+def _check_follows(mode: Mode) -> None:
+    if mode is not Mode.active:
+        raise refused_in(mode)
 
 
 def _check_plan(references: References, args: Json) -> None:
@@ -109,15 +134,26 @@ def _check_plan(references: References, args: Json) -> None:
                 raise Refused("refused_plan", words, "keep waypoints inside the limits")
 
 
-def _law_after(resident: list[Json], verb: str, args: Json) -> Json:
+def _goes_back(resident: list[Json], verb: str, args: Json, mode: Mode) -> Json:
     running = next((law["law_id"] for law in resident if law["active"]), 0)
     earlier = sorted((law for law in resident if law["law_id"] <= running), key=lambda law: -int(law["law_id"]))
+    back, to = earlier[1:], None
     if verb == "rollback":
-        earlier, steps = earlier[1:], int(args.get("steps", 1))
-        if not 1 <= steps <= len(earlier):
-            raise Refused("refused_law", f"there are {len(earlier)} laws to go back to", "law_list has them")
-        return earlier[steps - 1]
-    found = [law for law in earlier if args["law"] in (law["law"], law["law_id"])]
-    if not found:
-        raise Refused("unknown_law", f"no law {args['law']!r} ran before and is loaded", "law_list has them")
-    return found[0]
+        steps = int(args.get("steps", 1))
+        if not 1 <= steps <= len(back):
+            raise Refused("refused_law", f"there are {len(back)} laws to go back to", _listed(back))
+        to = back[steps - 1]
+    else:
+        to = next((law for law in earlier if args.get("law") in (law["law"], law["law_id"])), None)
+    if to is None:
+        raise Refused("unknown_law", f"no law {args.get('law')!r} ran before and is loaded", _listed(back))
+    dropped = [{key: law[key] for key in ("law", "law_id", "source") if law.get(key)}
+               for law in earlier if law["law_id"] > to["law_id"]]  # fmt: skip
+    gone = f"; the {len(dropped)} after it are dropped: no rollback leads to them" if dropped else ""
+    runs = f"law '{to['law']}' (law_id {to['law_id']}) runs {_runs(mode)}, with its state"
+    return {"would": runs + gone, "law_id": to["law_id"], "dropped": dropped}
+
+
+def _listed(laws: list[Json]) -> str:
+    names = ", ".join(f"{law['law_id']} ('{law['law']}')" for law in laws)
+    return f"one of these law_id: {names}" if names else "swap its text: no earlier law is loaded"

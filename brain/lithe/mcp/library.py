@@ -30,13 +30,10 @@ PROMPTS = {  # its words, what `about` is, its text
     "identify_then_compensate": (
         "Measure the robot, find its parameters, write a law that compensates them.",
         "the goal, or what is known of the robot",
-        "Read lithe://contract and lithe://rules. " + MOVE + "After 10 s fetch `history` (seconds 6, every 20, fields "
-        "release_ns, position_rad, velocity_rad_s, torque_nm). Where `describe` tells a chain, each joint moves the "
-        "others: lithe://chain has the equations, fit all joints at once (C, mu and R of each link, friction), and let "
-        "the law compute them at the setpoint. Else fit "
-        "for each joint by least squares torque_nm = inertia * acceleration + viscous * velocity + coulomb * "
-        "sign(velocity) + gravity * sin(position) + offset; the acceleration is the difference of two velocities by "
-        "their release_ns. Do not trust a value that is negative, that changes much between two windows, or of a joint "
+        "Read lithe://contract and lithe://rules. " + MOVE + "After 10 s ask `identify`: it has the parameters "
+        "(inertia, gravity, friction), each with its interval, and their model; lithe://chain has the equations of a "
+        "chain. Where it refuses, set the reference that it needs, and ask again. "
+        "Do not trust a value that is negative, that changes much between two windows, or of a joint "
         "that hardly moved. Where you cannot compute, take one term after "
         "another by its sign and size, and let `measure` judge it. Write a law that adds these torques, at the "
         "setpoint's acceleration and velocity and at the position, to a feedback of position and velocity. " + SWAP,
@@ -47,7 +44,7 @@ PROMPTS = {  # its words, what `about` is, its text
         "Explain in three sentences why this was refused, which line or value is the cause, and the smallest change "
         "that would pass. Use lithe://contract, lithe://rules and lithe://mistakes. Where no refusal follows, take the "
         "newest of lithe://swaps that has an error or rolled_back; lithe://swaps/NUMBER.cpp is its law, if it ran. "
-        "Then try your change with `law_check`, which reaches no robot. The refusal:",
+        "Then try your change by `swap` with dry_run true: it compiles it and runs the trial, and changes nothing.",
     ),
     "improve_by_one_term": (
         "Make the running law better by one term.",
@@ -105,6 +102,6 @@ def prompts() -> list[Json]:
 
 def prompt(name: str, args: Json) -> Json:
     """For prompts/get. KeyError: there is none of that name."""
-    words, _, text = PROMPTS[name]
-    text = READ + text + (f"\n\n{args['about']}" if args.get("about") else "")
+    words, of, text = PROMPTS[name]
+    text = READ + text + (f"\n\nGiven ({of.partition(',')[0]}):\n\n{args['about']}" if args.get("about") else "")
     return {"description": words, "messages": [{"role": "user", "content": {"type": "text", "text": text}}]}

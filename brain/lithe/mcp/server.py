@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-import textwrap
 import threading
 import time
 from collections.abc import Callable
@@ -31,7 +30,6 @@ STAY_S = 3600.0  # a reference that is to stay: as long as this server lives, an
 STAYS = (
     "stay is false here: over MCP a reference ends with the permission, with this server, and after {:g} s of silence"
 )
-MOST_WORDS = 75  # of a description
 MOST_ANSWER_BYTES = 64 << 10  # of one tool: a model reads it all
 THINNER = (2, 4, 10, 20, 40, 100, 200, 400)  # a thinned history has every 20th tick
 WHOLE = "the document swaps has every certificate in short; the whole file is on the robot's computer"
@@ -51,7 +49,7 @@ INSTRUCTIONS = (
 
 def tool(verb: Verb) -> Json:
     """A verb, as tools/list tells it: in short, because a model reads all of it at the start."""
-    words = textwrap.shorten(re.split(r"[.;] ", verb.what)[0].rstrip("."), MOST_WORDS, placeholder=" ...")
+    words = re.split(r"[.;] ", verb.what)[0].rstrip(".")
     words += f" [{verb.tier.name}]" if verb.tier else ""
     schema: Json = {"type": "object"}
     if given := {name: _kind(each) for name, each in verb.args.items() if name != "dry_run"}:
@@ -59,7 +57,8 @@ def tool(verb: Verb) -> Json:
     if verb.required:
         schema["required"] = list(verb.required)
     # What is left out is: not read-only, destructive.
-    hints = {Effect.reads: {"readOnlyHint": True}, Effect.stops: {"destructiveHint": False}}.get(verb.effect)
+    gentle = {"destructiveHint": False}
+    hints = {Effect.reads: {"readOnlyHint": True}, Effect.claims: gentle, Effect.stops: gentle}.get(verb.effect)
     return {"name": verb.name, "description": words, "inputSchema": schema} | ({"annotations": hints} if hints else {})
 
 
@@ -206,7 +205,7 @@ class Server:
             args = {"wait": True, **args}
         if verb.name == "set_params":
             args = {"wait": True, **args}
-        asked_to_stay = verb.name == "set_reference" and bool(args.get("stay"))
+        asked_to_stay = verb.name == "set_reference" and args.get("stay") is True
         if asked_to_stay:  # not beyond this server: it watches the permission
             args = {"client_stale_s": STAY_S, **args, "stay": False}
         try:

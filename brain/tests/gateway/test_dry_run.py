@@ -20,7 +20,7 @@ ARGS: dict[str, dict[str, Any]] = {
     "set_reference": {"kind": "sine", "centre_rad": 0.0, "amplitude_rad": 0.3, "frequency_hz": 0.5},
     "publish": {"t_ns": [1], "position_rad": [[0.1]]}, "set_inputs": {"values": {}},
 }  # fmt: skip
-CHANGING = [each.name for each in VERBS if each.effect is not Effect.reads and each.name != "estop"]
+CHANGING = [each.name for each in VERBS if each.effect in (Effect.moves, Effect.stops) and each.name != "estop"]
 
 
 def state(robot: lithe.Robot) -> dict[str, Any]:
@@ -83,8 +83,48 @@ def test_the_answer_of_a_swap_has_what_differs_from_the_law_that_ran(remote: Rem
 def test_a_shadow_says_how_far_it_differs_and_never_runs(remote: Remote) -> None:
     before = remote.call("status")["law_id"]
     told = remote.call("shadow", source=PD.replace('"pd"', '"shade"'), shadow_s=0.2, brief=True)
-    assert told["verdict"] == "measured" and told["shadow_ticks"] > 0 and len(told["shadow_rms_nm"]) == 1, told
+    assert told["verdict"] == "measured" and told["shadow_ticks"] > 0 and list(told["shadow_rms_nm"]) == ["shoulder"], (
+        told
+    )
     assert remote.call("status")["law_id"] == before
+
+
+def test_a_dry_run_of_a_shadow_says_that_it_never_runs(remote: Remote) -> None:
+    for verb, args, says in (
+        ("shadow", {}, "beside the running law for 2 s, without effect, and never run"),
+        ("swap", {"shadow_s": 0.5, "promote": False}, "for 0.5 s, without effect, and never run"),
+        ("swap", {"shadow_s": 0.5}, "for 0.5 s, without effect, and run after that"),
+        ("swap", {}, "it would run from the next tick"),
+    ):
+        assert remote.call(verb, source=PD, dry_run=True, **args)["would"].endswith(says)
+
+
+def test_a_dry_run_of_a_way_back_tells_the_same_laws_as_the_way_back(remote: Remote) -> None:
+    for name in ("first", "second", "third", "second"):
+        remote.call("swap", source=PD.replace('"pd"', f'"{name}"'), probation_s=0)
+    resident = remote.call("law_list")["resident"]
+    wrong = remote.call("activate", law="nobody", dry_run=True)["refused"]
+    assert all(f"{each['law_id']} ('{each['law']}')" in wrong["next"] for each in resident if not each["active"])
+    for verb, args in (("activate", {"law": "second"}), ("rollback", {"steps": 1}), ("activate", {"law": "first"})):
+        dry = remote.call(verb, dry_run=True, **args)
+        real = remote.call(verb, **args)
+        assert (dry["law_id"], dry["dropped"]) == (real["law_id"], real.get("dropped", []))
+        assert f"(law_id {real['law_id']})" in dry["would"] and ("dropped" in dry["would"]) == bool(dry["dropped"])
+    assert dry["dropped"], "those after the first"
+
+
+def test_a_dry_run_knows_the_mode(remote: Remote) -> None:
+    remote.call("hold")
+    for verb in ("set_reference", "publish"):
+        told = remote.call(verb, dry_run=True, **ARGS[verb])["refused"]
+        assert told["code"] == "refused_mode" and "arm" in told["next"] and "publish" not in told["next"], told
+    with pytest.raises(lithe.Refused) as real:
+        remote.call("set_reference", **ARGS["set_reference"])
+    assert (real.value.code, real.value.next) == (told["code"], told["next"])
+    remote.call("disarm")
+    assert remote.call("activate", law="first", dry_run=True)["would"].endswith(
+        "runs after arm: the mode is disarmed, with its state"
+    )
 
 
 def test_identify_asks_for_a_motion_and_then_knows_the_joint(remote: Remote) -> None:

@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 from lithe.errors import Refused
+from lithe.gateway import Gateway
+from lithe.gateway.answers import check
 from lithe.remote import Remote
-from lithe.vocabulary import in_verbs
+from lithe.vocabulary import BY_NAME, VERBS, in_verbs
 from system.robot_rig import ROOT
 
 COMMAND = re.compile(r"\blithe [a-z]")
@@ -72,3 +74,44 @@ def test_refusals_alarms_and_events_of_a_robot_name_verbs(remote: Remote) -> Non
     remote.call("arm")
     assert "then arm" in told[3][1] and "law_list" in told[5][1]
     assert COMMAND.findall(json.dumps(told)) == []
+
+
+def test_an_estop_of_a_client_is_its_own_and_not_a_process(remote: Remote, gateway: Gateway) -> None:
+    remote.call("estop")
+    with Remote("127.0.0.1", gateway.port, "sesame") as other:
+        mine, theirs = (each.call("status")["alarms"][0]["text"] for each in (remote, other))
+    assert mine == "the e-stop was pressed by this client: find out why, then: reset, arm"
+    assert theirs.startswith("the e-stop was pressed by client 127.0.0.1:") and "pid" not in theirs
+    remote.call("reset")
+    assert all("e-stop" not in each["text"] for each in remote.call("status")["alarms"])
+
+
+@pytest.mark.parametrize(
+    ("verb", "args", "says"),
+    [
+        ("lease", {"take": "yes"}, 'take = "yes" is not true or false'),
+        ("lease", {"take": 1, "seconds": True}, "seconds = true is not a number"),
+        ("set_params", {"values": {"kp": "big"}}, 'values.kp = "big" is not a number'),
+        ("set_params", {"name": "kp", "value": None}, "value = null is not a number"),
+        ("publish", {}, "'publish' needs 't_ns' and 'position_rad'"),
+        ("publish", {"t_ns": [1, 1.5], "position_rad": [0]}, "t_ns[1] = 1.5 is not a whole number"),
+        ("publish", {"t_ns": [1], "position_rad": [[0, "x"]]}, 'position_rad[0][1] = "x" is not a number'),
+        ("set_reference", {"kind": "sine", "amplitude_rad": {}}, "amplitude_rad = {} is not a number or a list"),
+        ("swap", {"source": 3, "name": []}, "source = 3 is not a text; name = [] is not a text"),
+    ],
+)
+def test_every_argument_of_another_type_is_named_and_all_that_is_missing(
+    verb: str, args: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(Refused) as wrong:
+        check(BY_NAME[verb], args)
+    assert says in wrong.value.message and wrong.value.code == "bad_request"
+
+
+def test_each_type_of_every_argument_is_checked() -> None:
+    none_fits = {"number": "x", "integer": "x", "string": 1, "boolean": "x", "array": 1, "object": 1}
+    for verb in VERBS:
+        for name, schema in verb.args.items():
+            value = none_fits[schema["type"]] if "type" in schema else {"none": 1}
+            with pytest.raises(Refused, match=rf"{name} = .* is not "):
+                check(verb, dict.fromkeys(verb.required, "") | {name: value})

@@ -12,12 +12,13 @@ import lithe
 import pytest
 from lithe.errors import NotRunning, Refused
 from lithe.gateway import Gateway, documents
+from lithe.gateway.answers import check
 from lithe.mcp import library, permission, plots
 from lithe.mcp.protocol import HANDSHAKE, META, MOST_LINE_BYTES, STATELESS, VERSIONS
 from lithe.mcp.server import INSTRUCTIONS, MOST_ANSWER_BYTES, MOST_CALLS, MOST_STOPS, Server
 from lithe.remote import Remote
 from lithe.shm import dtype
-from lithe.vocabulary import BY_NAME, VERBS, Effect, Tier, check_names, nearest
+from lithe.vocabulary import BY_NAME, VERBS, Effect, Tier, nearest
 from system.robot_rig import RobotRig
 
 Json = dict[str, Any]
@@ -272,15 +273,18 @@ def test_prompts_take_the_words_of_the_person(fake: Fake) -> None:
     for each in fake.send("prompts/list")["result"]["prompts"]:
         told = fake.send("prompts/get", {"name": each["name"], "arguments": {"about": "joint 2"}})["result"]
         assert told["messages"][0]["content"]["text"].endswith("\n\njoint 2")
+        assert library.prompt(each["name"], {})["messages"][0]["content"]["text"].endswith("."), "no empty heading"
+    assert "`identify`" in library.prompt("identify_then_compensate", {})["messages"][0]["content"]["text"]
+    assert "`swap` with dry_run" in library.prompt("explain_this_refusal", {})["messages"][0]["content"]["text"]
 
 
 def test_wrong_names_of_arguments_are_named() -> None:
-    check_names(BY_NAME["swap"], {"source": "x", "blend_s": 0.1})
+    check(BY_NAME["swap"], {"source": "x", "blend_s": 0.1})
     with pytest.raises(Refused, match="'swap' has no argument 'probation'") as wrong:
-        check_names(BY_NAME["swap"], {"source": "x", "probation": 1})
+        check(BY_NAME["swap"], {"source": "x", "probation": 1})
     assert wrong.value.code == "usage" and wrong.value.next.startswith("did you mean 'probation_s'?")
     with pytest.raises(Refused) as wrong:
-        check_names(BY_NAME["estop"], {"now": 1})
+        check(BY_NAME["estop"], {"now": 1})
     assert wrong.value.next == "it takes none"
     assert nearest("statis", BY_NAME).startswith("did you mean 'status'?")
 

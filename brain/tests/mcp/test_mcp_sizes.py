@@ -56,6 +56,8 @@ def test_all_tools_have_8_kb_and_each_has_the_rest_on_request(server: Server) ->
     assert len(encoded(tools)) <= 8 << 10 and {each["name"] for each in tools["tools"]} == set(BY_NAME)
     for each in tools["tools"]:
         verb = BY_NAME[each["name"]]
+        words = each["description"].partition(" [")[0]
+        assert verb.what.startswith(words) and len(words) <= 80, "one whole sentence, not cut"
         assert set(each["inputSchema"].get("properties", {})) == set(verb.args) - {"dry_run"}
         assert each["inputSchema"].get("required", []) == list(verb.required)
     whole = json.loads(tool(server, "describe", verb="swap"))
