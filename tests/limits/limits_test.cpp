@@ -242,8 +242,8 @@ void be_wrong_and_miss_answers(Run& run) {
   run.missed_answers = true;
 }
 
-// What is asked of a chain whose file is wrong or whose answers are missing: of 20,000 runs `outside` may pass a position
-// limit, by `beyond_rad` at most.
+// What is asked of a chain whose file is wrong or whose answers are missing. Of 20,000 runs `outside` may pass a
+// limit of position, by `beyond_rad`.
 struct Hard {
   const char* name;
   void (*change)(Run&);
