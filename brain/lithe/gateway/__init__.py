@@ -204,13 +204,11 @@ class Gateway:
         own = self.verbs.get(verb)
         if own is None and verb not in BY_NAME:
             raise Refused("unknown_verb", f"there is no verb '{verb}'", nearest(verb, {*BY_NAME, *self.verbs}))
-        if own is self._ours.get(verb):  # else it is the application's, whose arguments are not in the table
-            known = BY_NAME[verb]
-            # What stops the robot is never refused for an argument too many.
-            if known.effect is not Effect.stops:
-                check(known, args)
         ours = own is self._ours.get(verb)
         self._may(verb, args, ours)
+        # An application's verbs are not in the table. What stops the robot is never refused for an argument too many.
+        if ours and BY_NAME[verb].effect is not Effect.stops:
+            check(BY_NAME[verb], args)
         if ours and verb in BY_NAME and "dry_run" in BY_NAME[verb].args and args.pop("dry_run", False):
             return self._dry_run(verb, args)
         if verb in BY_NAME and BY_NAME[verb].effect is Effect.moves:
