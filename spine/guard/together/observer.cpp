@@ -10,8 +10,8 @@ namespace lithe::guard {
 namespace {
 
 constexpr double kLongestStepS = 2.5e-4;
-constexpr double kMostSpeed = 3;  // times the speed that is a fault: what a garbled sample can make of the state
-constexpr double kHalfFrictionRadS = 0.02;
+constexpr double kMostSpeed = 3;         // times the speed that is a fault: what a garbled sample can make of the state
+constexpr double kHalfRadS = 0.02;       // at this speed half of the dry friction acts
 constexpr double kLongestBlockS = 1e-3;  // mass and bias count as constant for so long
 
 unsigned parts(double whole_s, double part_s) {
@@ -47,7 +47,7 @@ void Observer::configure(const robot::RobotConfig& robot) {
                  .damping_nm_s_rad = here ? 0 : joint.safe_kd_nm_s_rad,
                  .most_rad_s = kMostSpeed * joint.velocity_max_rad_s * robot.guard.velocity_overrun,
                  .coulomb_nm = joint.model.coulomb_nm,
-                 .slow_rad_s = std::max(kHalfFrictionRadS, 2 * step_s_ * joint.model.coulomb_nm / joint.inertia_min_kg_m2)};
+                 .slow_rad_s = std::max(kHalfRadS, 2 * step_s_ * joint.model.coulomb_nm / joint.inertia_min_kg_m2)};
   }
   steps_of_lag_ = static_cast<unsigned>(std::lround(lag_s_ / step_s_));
   forget();
