@@ -38,6 +38,10 @@ BARE = re.compile(r"(?<![\w./-])\w[\w./-]*\.(?:cpp|hpp|py|pml|c|h)\b")
 NO_FILE = re.compile(r"(?:out|build)/.*|swaps/.*|(?:x|x_test|my|best)\.[ch]pp|x\.py")
 NAMED_PATH = re.compile(rf"(?:{TREE.replace(' ', '|')})/[\w./*-]*")
 WORDS = ["no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"]
+# Commands that fail when a claim does not hold. The others show something to a person: they print, measure or ask.
+JUDGES = re.compile(
+    r"(pytest|ctest|build/release/bin/\S+) |python tools/(check|gen)\.py |make (demo|boards|bench-|test)"
+)
 PROGRAMS = ("make", "lithe", "python", "pytest", "ctest", "build/release/bin/")
 CLI = Path("docs/reference/cli.md")  # made from the table that parses; a test compares
 SIM = Path("docs/reference/sim.md")  # `lithe sim` reads its own words
@@ -302,6 +306,7 @@ def stated(root: Path) -> list[tuple[str, str, int, float]]:
     lines = sum((root / path).read_text(encoding="utf-8").count("\n") for path in robot_sources(root))
     drive = len(paths_in(root / "ARCHITECTURE.md", "| add a device |", "; a protocol"))
     bus = len(paths_in(root / "ARCHITECTURE.md", "| add a bus |", "; a name for"))
+    claims = [cells[1] for _, cells in table_rows((root / PAGE).read_text(encoding="utf-8")) if len(cells) == len(HEAD)]
     return [
         ("README.md", r"ctest, about ([\d,]+) tests", sum(map(len, cpp_tests(root).values())), 0.05),
         ("README.md", r"pytest, about ([\d,]+) functions", tests, 0.05),
@@ -316,6 +321,7 @@ def stated(root: Path) -> list[tuple[str, str, int, float]]:
         ("ARCHITECTURE.md", r"largest folder .*\| (\d+) \|$", largest, 0),
         ("ARCHITECTURE.md", r"members of `Spine` .*\| (\d+) \|$", members, 0),
         ("ARCHITECTURE.md", r"lines of C\+\+ .*\| ([\d,]+) \|$", lines, 0.02),
+        *((str(PAGE), rf"(\d+) {word}\b", claims.count(word), 0) for word in STANDS),
     ]  # fmt: skip
 
 
@@ -366,7 +372,10 @@ def troubles(text: str, root: Path) -> list[str]:
         commands = re.findall(r"`([^`]+)`", cells[3])
         if not commands and cells[1] != "no":
             wrong.append(f"{where}names neither a command nor a file that shows it")
-        wrong += [f"{where}{trouble}" for command in commands if (trouble := row_trouble(command, cells[1], root))]
+        missing = [trouble for command in commands if (trouble := row_trouble(command, cells[1], root))]
+        if commands and not missing and cells[1] in ("yes", "more") and not any(map(JUDGES.match, commands)):
+            missing = ["none of its commands fails when the claim does not hold: name a test"]
+        wrong += [f"{where}{trouble}" for trouble in missing]
     if rows < LEAST_ROWS:
         wrong.append(f"{PAGE}: {rows} claims; the paper makes {LEAST_ROWS} or more")
     return wrong

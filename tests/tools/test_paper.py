@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs/paper.md and the numbers of docs/rt.md name what exists, and a page that does not is found."""
 
+import re
 import subprocess
 from pathlib import Path
 
@@ -71,17 +72,45 @@ def test_a_command_that_shows_nothing_is_found(shown_by: str, words: str) -> Non
         "`build/release/bin/step_tests --gtest_filter=*/Determinism.*`",
         "`build/release/bin/limits_limits --gtest_filter=LimitsTwin.*`",
         "`pytest tests/system/laws/test_hostile_contained.py::test_what_the_law_does_is_contained[hangs_delayed]`",
-        "`python -m bench.isolation --workload stress`",
         "`python tools/check.py models`",
+        "`LICENSE`, `python tools/check.py lint`",
+        "`lithe doctor`, `make demo`",
+    ],
+)
+def test_a_command_that_fails_without_the_claim_shows_it(shown_by: str) -> None:
+    assert paper.troubles(f"{TEXT}| a | yes | | {shown_by} |\n", ROOT) == []
+
+
+@pytest.mark.parametrize(
+    "shown_by",
+    [
         "`lithe --json --robot arm status`",
         "`lithe tune shield -- make bench`",
         "`lithe sim robots/arm.toml --truth`",
+        "`python -m bench.isolation --workload stress`",
+        "`python -m bench.report run`",
         "`LICENSE`",
         "`docs/img/architecture.svg`",
     ],
 )
-def test_a_command_that_shows_something_passes(shown_by: str) -> None:
-    assert paper.troubles(f"{TEXT}| a | yes | | {shown_by} |\n", ROOT) == []
+def test_what_only_prints_or_measures_does_not_show_a_claim(shown_by: str) -> None:
+    for stands in ("yes", "more"):
+        (wrong,) = paper.troubles(f"{TEXT}| a | {stands} | | {shown_by} |\n", ROOT)
+        assert "none of its commands fails" in wrong
+    assert paper.troubles(f"{TEXT}| a | partly | | {shown_by} |\n", ROOT) == []
+
+
+def test_the_pictures_name_what_there_is() -> None:
+    """Files, and the laws in the list of the first picture."""
+    for name in ("brain_spine_tasks", "architecture"):
+        text = (ROOT / f"docs/img/{name}.svg").read_text(encoding="utf-8")
+        shown = [word for line in re.findall(r">([^<>]+)<", text) for word in line.split()]
+        files = [word for word in shown if re.fullmatch(r"[\w/]+\.(toml|cpp|py|hpp)", word)]
+        assert all(any(ROOT.glob(file) if "/" in file else ROOT.rglob(file)) for file in files), files
+    words = re.findall(r">([^<>]+)</text>", (ROOT / "docs/img/brain_spine_tasks.svg").read_text(encoding="utf-8"))
+    laws = words[words.index("control law, one of") + 1 : words.index("...")]
+    assert len(laws) >= 5 and all((ROOT / f"laws/{law}.cpp").is_file() for law in laws), laws
+    assert sum(word.startswith("robots/") for word in words) >= 4
 
 
 @pytest.mark.parametrize(

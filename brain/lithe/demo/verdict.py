@@ -21,6 +21,7 @@ from .joints import shortcomings
 from .judge import PHASES, span_of
 
 LEAST_FREEZE_S = 1.5
+LEAST_SWAPS = 4  # as in the paper
 LEAST_SILENT_S = 1.4  # as the Spine saw it; the last sign of life came just before the freeze
 # Of the releases, how many may be missed: of the run's, and of those from the requests of its swaps to their commits,
 # which take two seconds, so that three of them may always be.
@@ -111,8 +112,8 @@ def experiment(summary: dict[str, Any]) -> list[str]:
         wrong.append(f"the Brain was frozen for {freeze['duration_s']:.2f} s, less than {LEAST_FREEZE_S} s")
     if not freeze["brain_silent_s"] >= LEAST_SILENT_S:
         wrong.append(f"the frozen Brain was silent for {freeze['brain_silent_s']:.2f} s only")
-    if not summary["swaps"]:
-        wrong.append("no law was swapped")
+    if not len(summary["swaps"]) >= LEAST_SWAPS:
+        wrong.append(f"{len(summary['swaps'])} laws were swapped in, at least {LEAST_SWAPS} expected")
     for swap in summary["swaps"]:
         if not swap["output_step_nm"] <= swap["output_step_bound_nm"] + 1e-9:
             where = f" of joint '{joints[swap['output_step_joint']]['name']}'" if len(joints) > 1 else ""

@@ -87,6 +87,7 @@ def made_good(summary: dict[str, Any]) -> dict[str, Any]:
     for joint in summary["joints"]:
         for name in joint["rmse_deg"]:
             joint["rmse_deg"][name] = 70.0 if name in ("baseline", "probing") else 1.0
+    summary["swaps"] += [dict(swap) for swap in summary["swaps"]]  # the recording has two
     return summary
 
 
@@ -132,7 +133,8 @@ NAN = float("nan")
         (lambda s: s["freeze"].update(brain_silent_s=NAN), "silent for nan s"),
         (lambda s: s["swaps"][1].update(output_step_nm=0.121), "'evolved' stepped the torque by 0.1210 N m"),
         (lambda s: s["swaps"][0].update(output_step_nm=NAN), "'probe' stepped the torque by nan"),
-        (lambda s: s.update(swaps=[]), "no law was swapped"),
+        (lambda s: s.update(swaps=[]), "0 laws were swapped in"),
+        (lambda s: s["swaps"].pop(), "3 laws were swapped in, at least 4"),
         (
             lambda s: s["timing"]["commits"].update(chance=0.0009),
             "swaps lose ticks around a commit: 2 missed in 1 of 2",
