@@ -114,7 +114,7 @@ TEST_P(WatchTest, ALawThatGivesNoTorqueIsTakenAway) {
 TEST_P(WatchTest, ALawThatBeginsToShakeIsTakenAway) {
   // The guard lets a light joint swing from limit to limit: near ones, so that each swing ends within a quarter of a
   // second. What swings more slowly is motion (law::Tremor).
-  widest_rad_ = 1.2;
+  widest_rad_ = 1.0;
   for (const Turn turn : {Turn::undamped, Turn::hammers, Turn::chatters}) {
     open();
     Watched::of = last();
