@@ -51,7 +51,7 @@ lithe_mutant(listens_for_ever moteus_terminal ${hal}/moteus/moteus_terminal.cpp
 lithe_mutant(takes_any_objects_answer canopen ${hal}/canopen/canopen_sdo.cpp
   "kind == kSegmentAnswer || sdo_address(frame) != address_" "kind == kSegmentAnswer")
 lithe_mutant(asks_for_ever canopen ${hal}/canopen/canopen_sdo.cpp
-  "attempts_ < kAttempts ? Phase::start : Phase::failed" "Phase::start")
+  "attempts_ < kTimeoutsNs.size() ? Phase::start : Phase::failed" "(attempts_ %= kTimeoutsNs.size(), Phase::start)")
 lithe_mutant(says_another_number canopen ${hal}/cia402/sim/sim_cia402_objects.cpp
   "foreign ? kInputsAndOutputs : dictionary_.raw(slot)" "dictionary_.raw(slot) + 1")
 lithe_mutant(believes_any_speed cia402 ${hal}/cia402/cia402_answers.cpp

@@ -17,7 +17,7 @@ struct Hostile {
 
   static void step(const lithe::Tick& t, const Params& p, State& s, lithe::Effort& u) {
     double sum = 0;
-    for (int k = 0; k < 200; ++k) {
+    for (int k = 0; k < 60; ++k) {
       for (double& z : s.z) sum += z = 0.995 * z;
     }
     for (std::uint32_t j = 0; j < t.joints; ++j) {

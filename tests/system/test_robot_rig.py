@@ -87,6 +87,8 @@ COMPUTED = (  # the reason is computed there, and only there
     "booted.py: pytest.skip(reason)",  # the same
     "pypi.py: pytest.skip(str(why))",  # no network
     "test_robot.py: pytest.skip('no right to make a time namespace')",  # root, or a user namespace
+    # Of an instruction that a processor may lack.
+    "test_not_contained.py: pytest.skip(f'{platform.machine()} without that instruction')",
     "test_first_day.py: pytest.skip('no zsh here (Debian: apt-get install zsh)')",
     "simulated.py: pytest.skip(rig.log().strip().splitlines()[-1])",  # no MuJoCo
     # A kernel may refuse one to an ordinary user.

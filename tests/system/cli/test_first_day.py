@@ -116,7 +116,7 @@ def test_a_zsh_completes_verbs_options_and_files(rig: RobotRig) -> None:
     script = rig.dir / "_lithe"
     script.write_text(rig.lithe("help", "--zsh").stdout)
     typed = {
-        "lithe mo": "lithe move",
+        "lithe mov": "lithe move",
         "lithe law ch": "lithe law check",
         "lithe --robot arm law ch": "lithe --robot arm law check",
         "lithe swap --prob": "lithe swap --probation",

@@ -126,7 +126,7 @@ def test_what_can_be_read_is_told_by_scan_and_by_the_robot(
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"), [(KeepsMode, ("6061h", "stays at 0")), (CountsInRpm, ("606Ch is 0.015", "counts per second"))]
+    ("kind", "words"), [(KeepsMode, ("6061h", "stays at 0")), (CountsInRpm, ("606Ch is 0.0", "counts per second"))]
 )
 def test_what_shows_only_in_operation_is_told_by_the_robot(kind: type[ThirdPartyDrive], words: tuple[str, ...]) -> None:
     with robot_with(kind) as (rig, _):
