@@ -2,16 +2,20 @@
 """What the Brain's tests stand on: one real robot per test file, and a connection of its own for each test."""
 
 import os
+import sys
 import warnings
 from collections.abc import Iterator
+from typing import Any
 
 import calm
 import lithe
 import numpy as np
+import pypi
 import pytest
 from lithe.gateway import Gateway
 from lithe.remote import Remote
 from lithe.vocabulary import Tier
+from system.pypi import Package
 from system.robot_rig import RobotRig
 
 
@@ -20,6 +24,17 @@ def rig() -> Iterator[RobotRig]:
     """A running robot."""
     with calm.calm_robot() as running:
         yield running
+
+
+@pytest.fixture(scope="module")
+def pin() -> Iterator[Any]:
+    """Pinocchio, installed once. The numpy beside it is left alone."""
+    site = Package("pin==4.1.0").folder / f"cmeel.prefix/lib/{pypi.VERSION}/site-packages"
+    sys.path.append(str(site))
+    import pinocchio
+
+    yield pinocchio
+    sys.path.remove(str(site))
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pypi
 import pytest
 from chain_sim import ENCODER_RAD, STEP_S, Chains, as_recorded
 from lithe.errors import LitheError
@@ -15,7 +14,6 @@ from lithe.gateway.references import curve_of
 from lithe.identify import ChainFit, Model, Motion, describe_model, identify_chain
 from lithe.identify.__main__ import main
 from lithe.identify.design import information
-from system.pypi import Package
 
 NAMES = ("roll", "hip", "knee")
 # Axes that are no parallels: `roll` tilts the plane in which the others swing, and carries the hip beside its axis.
@@ -32,17 +30,6 @@ REFERENCE = {
     "frequency_hz": [0.3, 0.7, 1.1, 1.9],
 }  # fmt: skip
 VISCOUS, COULOMB = np.array([0.03, 0.02, 0.01]), np.array([0.03, 0.02, 0.02])
-
-
-@pytest.fixture(scope="module")
-def pin() -> Any:
-    """Pinocchio, installed once. The numpy beside it is left alone."""
-    site = Package("pin==4.1.0").folder / f"cmeel.prefix/lib/{pypi.VERSION}/site-packages"
-    sys.path.append(str(site))
-    import pinocchio
-
-    yield pinocchio
-    sys.path.remove(str(site))
 
 
 @pytest.fixture(scope="module")

@@ -2,18 +2,15 @@
 """`lithe model`: what it writes moves as the file it was made from, by Pinocchio's equations of both."""
 
 import re
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pypi
 import pytest
 from lithe.errors import LitheError
 from lithe.model import links_of, with_links
 from lithe.model.__main__ import main
-from system.pypi import Package
 
 ROOT = Path(__file__).resolve().parents[2]
 # Six hinges about axes of all directions, a flange that is fixed, and two fingers that the robot does not have.
@@ -35,17 +32,6 @@ LINK = """<link name="link{n}"><inertial><origin xyz="{com}" rpy="0.3 -0.2 {n}"/
     <axis xyz="{axis}"/><dynamics damping="0.0{n}"/><limit lower="-2" upper="2" effort="9" velocity="3"/></joint>"""
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 0.6 -0.8", "0 0 1")
 NAMES = [f"j{n}" for n in range(1, 7)]
-
-
-@pytest.fixture(scope="module")
-def pin() -> Any:
-    """Pinocchio, installed once. The numpy beside it is left alone."""
-    site = Package("pin==4.1.0").folder / f"cmeel.prefix/lib/{pypi.VERSION}/site-packages"
-    sys.path.append(str(site))
-    import pinocchio
-
-    yield pinocchio
-    sys.path.remove(str(site))
 
 
 @pytest.fixture(scope="module")
